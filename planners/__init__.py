@@ -1,0 +1,34 @@
+"""Robots and mathematics: arms, kinematics, dynamics, control and the classical motion planners.
+
+Nothing here knows of Gymnasium. SI units and radians throughout; joint angles are relative and counter-clockwise.
+"""
+
+from planners import control, dpct
+from planners.arm import PLANAR_3R, SCARA_1M, Arm, JointLimits
+from planners.kinematics import UnreachableTarget
+from planners.problem import (
+    FixedHand,
+    FixedJoints,
+    Infeasible,
+    MotionProblem,
+    MovingHand,
+    Obstacle,
+    Trajectory,
+)
+
+__all__ = [
+    "PLANAR_3R",
+    "SCARA_1M",
+    "Arm",
+    "FixedHand",
+    "FixedJoints",
+    "Infeasible",
+    "JointLimits",
+    "MotionProblem",
+    "MovingHand",
+    "Obstacle",
+    "Trajectory",
+    "UnreachableTarget",
+    "control",
+    "dpct",
+]

@@ -1,0 +1,1 @@
+"""DPCT: dynamic programming for conveyor tracking."""

@@ -1,0 +1,127 @@
+"""Rigid-body dynamics of a planar chain of revolute joints, compiled and batched over lanes.
+
+In absolute link angles ``phi`` (``phi_i = q_0 + ... + q_i``) the Lagrange-Euler equations of a planar chain are
+
+    sum_j a_ij (cos(phi_i - phi_j) phi''_j + sin(phi_i - phi_j) phi'_j^2) + g b_i cos(phi_i) = T_i
+
+with constants ``a`` (the coupling matrix, kg m^2) and ``b`` (the static moments, kg m) that hold all of the arm's
+masses, lengths and inertias. The torque of joint j in relative angles is ``tau_j = T_j + ... + T_n``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+
+def chain_constants(lengths: Array, masses: Array, coms: Array, inertias: Array) -> tuple[Array, Array]:
+    """Coupling matrix and static moments of a chain.
+
+    Args:
+        lengths: link lengths, ``(n,)``, m.
+        masses: link masses, ``(n,)``, kg.
+        coms: distance of each centre of mass from the link's own joint, ``(n,)``, m.
+        inertias: moment of inertia of each link about its centre of mass, ``(n,)``, kg m^2.
+
+    Returns:
+        Coupling matrix ``a``, ``(n, n)``, kg m^2, and static moments ``b``, ``(n,)``, kg m.
+    """
+    n = len(lengths)
+    # lever[k, i]: how far link i carries the centre of mass of link k along link i's direction
+    lever = np.tril(np.broadcast_to(lengths, (n, n)), -1) + np.diag(coms)
+    coupling = np.einsum("k,ki,kj->ij", masses, lever, lever) + np.diag(inertias)
+    return coupling, masses @ lever
+
+
+@njit(cache=True, nogil=True)
+def inverse_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+    """Joint torques (N m) of one lane, written to ``tau``; ``weight`` is gravity times the static moments, N m."""
+    n = q.shape[0]
+    phi, w, alpha = np.empty(n), np.empty(n), np.empty(n)
+    angle = speed = acceleration = 0.0
+    for i in range(n):
+        angle += q[i]
+        speed += qd[i]
+        acceleration += qdd[i]
+        phi[i], w[i], alpha[i] = angle, speed, acceleration
+    outer = 0.0
+    for i in range(n - 1, -1, -1):
+        moment = weight[i] * np.cos(phi[i])
+        for j in range(n):
+            difference = phi[i] - phi[j]
+            moment += coupling[i, j] * (np.cos(difference) * alpha[j] + np.sin(difference) * w[j] * w[j])
+        outer += moment
+        tau[i] = outer
+
+
+@njit(cache=True, nogil=True)
+def mass_matrix_lane(coupling: Array, q: Array, m: Array) -> None:
+    """Mass matrix (kg m^2) of one lane in relative joint angles, written to ``m``, ``(n, n)``."""
+    n = q.shape[0]
+    phi = np.cumsum(q)
+    for i in range(n - 1, -1, -1):
+        for j in range(n - 1, -1, -1):
+            total = coupling[i, j] * np.cos(phi[i] - phi[j])
+            if i + 1 < n:
+                total += m[i + 1, j]
+            if j + 1 < n:
+                total += m[i, j + 1]
+            if i + 1 < n and j + 1 < n:
+                total -= m[i + 1, j + 1]
+            m[i, j] = total
+
+
+@njit(cache=True, nogil=True)
+def solve_mass_matrix(m: Array, rhs: Array) -> None:
+    """Solve ``m x = rhs`` by Cholesky factorisation; ``m`` is destroyed and ``rhs`` becomes ``x``."""
+    n = rhs.shape[0]
+    for j in range(n):
+        for k in range(j):
+            m[j, j] -= m[j, k] * m[j, k]
+        m[j, j] = np.sqrt(m[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                m[i, j] -= m[i, k] * m[j, k]
+            m[i, j] /= m[j, j]
+        for k in range(j):
+            rhs[j] -= m[j, k] * rhs[k]
+        rhs[j] /= m[j, j]
+    for j in range(n - 1, -1, -1):
+        for k in range(j + 1, n):
+            rhs[j] -= m[k, j] * rhs[k]
+        rhs[j] /= m[j, j]
+
+
+@njit(cache=True, nogil=True)
+def inverse_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array) -> Array:
+    """Joint torques ``(lanes, n)``, N m, that give accelerations ``qdd`` in the state ``q, qd``, all ``(lanes, n)``."""
+    tau = np.empty_like(q)
+    for lane in range(q.shape[0]):
+        inverse_dynamics_lane(coupling, weight, q[lane], qd[lane], qdd[lane], tau[lane])
+    return tau
+
+
+@njit(cache=True, nogil=True)
+def mass_matrix(coupling: Array, q: Array) -> Array:
+    """Mass matrices ``(lanes, n, n)``, kg m^2, for ``q`` of ``(lanes, n)``."""
+    lanes, n = q.shape
+    m = np.empty((lanes, n, n))
+    for lane in range(lanes):
+        mass_matrix_lane(coupling, q[lane], m[lane])
+    return m
+
+
+@njit(cache=True, nogil=True)
+def forward_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array) -> Array:
+    """Joint accelerations ``(lanes, n)``, rad/s^2, under torques ``tau`` in the state ``q, qd``, all ``(lanes, n)``."""
+    lanes, n = q.shape
+    qdd = np.empty((lanes, n))
+    still, bias, m = np.zeros(n), np.empty(n), np.empty((n, n))
+    for lane in range(lanes):
+        inverse_dynamics_lane(coupling, weight, q[lane], qd[lane], still, bias)
+        mass_matrix_lane(coupling, q[lane], m)
+        qdd[lane] = tau[lane] - bias
+        solve_mass_matrix(m, qdd[lane])
+    return qdd

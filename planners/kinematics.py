@@ -1,0 +1,127 @@
+"""Kinematics of a planar chain of revolute joints: forward, Jacobian, and the closed-form inverse.
+
+Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Everything is batched over lanes,
+arrays of shape ``(lanes, n)``; :class:`planners.arm.Arm` offers the same for a single ``(n,)``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+
+class UnreachableTarget(ValueError):
+    """A hand position that no joint angles reach.
+
+    Attributes:
+        lanes: indices of the targets that cannot be reached.
+    """
+
+    def __init__(self, message: str, lanes: tuple[int, ...]) -> None:
+        super().__init__(message)
+        self.lanes = lanes
+
+
+@njit(cache=True, nogil=True)
+def joint_positions(lengths: Array, base: Array, q: Array) -> Array:
+    """Positions of every joint and of the hand, ``(lanes, n + 1, 2)`` in metres, for ``q`` of ``(lanes, n)``."""
+    lanes, n = q.shape
+    points = np.empty((lanes, n + 1, 2))
+    for lane in range(lanes):
+        x, y, phi = base[0], base[1], 0.0
+        points[lane, 0, 0], points[lane, 0, 1] = x, y
+        for i in range(n):
+            phi += q[lane, i]
+            x += lengths[i] * np.cos(phi)
+            y += lengths[i] * np.sin(phi)
+            points[lane, i + 1, 0], points[lane, i + 1, 1] = x, y
+    return points
+
+
+@njit(cache=True, nogil=True)
+def jacobian(lengths: Array, q: Array) -> Array:
+    """Derivative of the hand position by the joint angles, ``(lanes, 2, n)`` in metres, for ``q`` of ``(lanes, n)``."""
+    lanes, n = q.shape
+    columns = np.zeros((lanes, 2, n))
+    for lane in range(lanes):
+        phi = 0.0
+        for i in range(n):
+            phi += q[lane, i]
+            dx = -lengths[i] * np.sin(phi)
+            dy = lengths[i] * np.cos(phi)
+            for j in range(i + 1):
+                columns[lane, 0, j] += dx
+                columns[lane, 1, j] += dy
+    return columns
+
+
+def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
+    """Both elbow branches of a two-link arm.
+
+    With ``d`` the vector from base to hand, ``cos q2 = (|d|^2 - l1^2 - l2^2) / (2 l1 l2)`` and
+    ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``.
+
+    Args:
+        lengths: link lengths, ``(2,)``, m.
+        base: position of the first joint, ``(2,)``, m.
+        hand: wanted hand positions, ``(lanes, 2)``, m.
+
+    Returns:
+        Joint angles ``(lanes, 2, 2)``: branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
+
+    Raises:
+        UnreachableTarget: if a target lies outside the annulus the arm reaches.
+    """
+    l1, l2 = lengths
+    d = hand - base
+    distance = np.hypot(d[:, 0], d[:, 1])
+    nearest, farthest = abs(l1 - l2), l1 + l2
+    slack = 1e-12 * farthest  # a target on the rim must not fail by a rounding error
+    out = (distance > farthest + slack) | (distance < nearest - slack) | ~np.isfinite(distance)
+    if out.any():
+        lanes = tuple(int(lane) for lane in np.flatnonzero(out))
+        x, y = hand[lanes[0]]
+        raise UnreachableTarget(
+            f"hand position ({x:.4g}, {y:.4g}) m is {distance[lanes[0]]:.4g} m from the base; links of "
+            f"{l1:.4g} m and {l2:.4g} m reach from {nearest:.4g} m to {farthest:.4g} m"
+            + (f" (and {len(lanes) - 1} more targets)" if len(lanes) > 1 else ""),
+            lanes,
+        )
+    cos_elbow = np.clip((distance**2 - l1**2 - l2**2) / (2.0 * l1 * l2), -1.0, 1.0)
+    elbow = np.arccos(cos_elbow)
+    q = np.empty((len(hand), 2, 2))
+    for branch, q2 in enumerate((elbow, -elbow)):
+        q[:, branch, 0] = wrap(np.arctan2(d[:, 1], d[:, 0]) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2)))
+        q[:, branch, 1] = q2
+    return q
+
+
+def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Array) -> Array:
+    """Both elbow branches of a three-link arm whose last link points along ``orientation``.
+
+    Args:
+        lengths: link lengths, ``(3,)``, m.
+        base: position of the first joint, ``(2,)``, m.
+        hand: wanted hand positions, ``(lanes, 2)``, m.
+        orientation: wanted absolute angle of the last link, ``(lanes,)``, rad.
+
+    Returns:
+        Joint angles ``(lanes, 2, 3)``: branch 0 has ``q2 >= 0``, branch 1 has ``q2 <= 0``.
+
+    Raises:
+        UnreachableTarget: if the wrist this asks for lies outside the reach of the first two links.
+    """
+    last = lengths[2] * np.stack([np.cos(orientation), np.sin(orientation)], axis=-1)
+    try:
+        first_two = two_link_inverse(lengths[:2], base, hand - last)
+    except UnreachableTarget as error:
+        raise UnreachableTarget(f"with the last link at the wanted orientation the wrist's {error}", error.lanes) from None
+    q3 = wrap(orientation[:, None] - first_two.sum(axis=-1))
+    return np.concatenate([first_two, q3[..., None]], axis=-1)
+
+
+def wrap(angle: Array) -> Array:
+    """Angles brought into [-pi, pi), rad."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,242 @@
+"""The one vocabulary of tasks and planners: what is asked (`MotionProblem`) and what is answered (`Trajectory`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planners.arm import Arm, JointLimits
+from planners.typing import Array
+
+
+class Infeasible(ValueError):
+    """No motion solves the problem within its limits.
+
+    Attributes:
+        reason: one word a program can branch on: ``unreachable``, ``no_window``, ``late``, ``start`` or ``limits``.
+        details: the numbers behind the message, by name.
+    """
+
+    def __init__(self, reason: str, message: str, **details: object) -> None:
+        super().__init__(f"{reason}: {message}")
+        self.reason = reason
+        self.message = message
+        self.details = details
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuild_infeasible, (self.reason, self.message, self.details)
+
+
+def _rebuild_infeasible(reason: str, message: str, details: dict[str, object]) -> Infeasible:
+    return Infeasible(reason, message, **details)
+
+
+@dataclass(frozen=True)
+class FixedJoints:
+    """Come to rest at joint angles ``q``, ``(n,)``, rad."""
+
+    q: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, q=None)
+
+
+@dataclass(frozen=True)
+class FixedHand:
+    """Come to rest with the hand at ``position``, ``(2,)``, m; three links also need ``orientation``, rad."""
+
+    position: Array
+    orientation: float | None = None
+
+    def __post_init__(self) -> None:
+        _freeze(self, position=2)
+
+
+@dataclass(frozen=True)
+class MovingHand:
+    """Meet a point that moves with constant acceleration, and ride with it.
+
+    Attributes:
+        position: where it is at time 0, ``(2,)``, m.
+        velocity: at time 0, ``(2,)``, m/s.
+        acceleration: ``(2,)``, m/s^2.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array = field(default_factory=lambda: np.zeros(2))
+
+    def __post_init__(self) -> None:
+        _freeze(self, position=2, velocity=2, acceleration=2)
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Position and velocity at times ``t``, each ``t.shape + (2,)``."""
+        time = np.asarray(t, dtype=float)[..., None]
+        return (
+            self.position + time * self.velocity + 0.5 * time**2 * self.acceleration,
+            self.velocity + time * self.acceleration,
+        )
+
+
+Target = FixedJoints | FixedHand | MovingHand
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A disc: ``position`` ``(2,)`` m, ``velocity`` ``(2,)`` m/s, ``radius`` m."""
+
+    position: Array
+    velocity: Array
+    radius: float
+
+    def __post_init__(self) -> None:
+        _freeze(self, position=2, velocity=2)
+
+
+@dataclass(frozen=True)
+class MotionProblem:
+    """A motion to be planned.
+
+    Attributes:
+        arm: the robot, without its payload.
+        q: joint angles at time 0, ``(n,)``, rad.
+        qd: joint velocities at time 0, ``(n,)``, rad/s.
+        qdd: joint accelerations at time 0, ``(n,)``, rad/s^2.
+        target: where to go.
+        horizon: time there is, s.
+        limits: what the joints may do; the arm's own when left out.
+        obstacles: discs to keep clear of.
+        payload: estimate of the point mass at the hand, kg.
+    """
+
+    arm: Arm
+    q: Array
+    target: Target
+    horizon: float
+    qd: Array | None = None
+    qdd: Array | None = None
+    limits: JointLimits | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    payload: float = 0.0
+
+    def __post_init__(self) -> None:
+        n = self.arm.n_joints
+        for name in ("qd", "qdd"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(n))
+        _freeze(self, q=n, qd=n, qdd=n)
+        if self.limits is None:
+            object.__setattr__(self, "limits", self.arm.limits)
+        if not (math.isfinite(self.horizon) and self.horizon > 0.0):
+            raise ValueError(f"horizon {self.horizon} s must be finite and positive")
+        if isinstance(self.target, FixedJoints) and len(self.target.q) != n:
+            raise ValueError(f"target has {len(self.target.q)} joint angles, the arm {n} joints")
+
+    @property
+    def start(self) -> tuple[Array, Array, Array]:
+        """Joint angles, velocities and accelerations at time 0, each ``(n,)``."""
+        assert self.qd is not None and self.qdd is not None  # filled in by __post_init__
+        return self.q, self.qd, self.qdd
+
+    @property
+    def joint_limits(self) -> JointLimits:
+        """The limits that apply: the problem's own, or the arm's."""
+        return self.limits or self.arm.limits
+
+    @property
+    def loaded_arm(self) -> Arm:
+        """The arm with the payload estimate at its hand."""
+        return self.arm.with_payload(self.payload)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A planned motion, sampled on a dense grid of times.
+
+    Attributes:
+        t: sample times from 0, ``(samples,)``, s.
+        q, qd, qdd: joint angles, velocities and accelerations, ``(samples, n)``.
+        tau: joint torques by inverse dynamics of the loaded arm, ``(samples, n)``, N m.
+        limit_ratios: worst |value| / limit over all samples and joints, for each kind of limit.
+        cost: the planner's own index of the motion.
+        rendezvous_time: when a moving target is met exactly, or rest at a fixed one is reached, s.
+        planner: which planner made it, and how.
+        rides_until: how long a moving target could be followed within the limits, s.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    limit_ratios: Mapping[str, float]
+    cost: float
+    rendezvous_time: float
+    planner: str
+    rides_until: float = math.inf
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample, s."""
+        return float(self.t[-1])
+
+    @property
+    def limit_ratio(self) -> float:
+        """Worst of all limit ratios: at most 1 when every limit is kept."""
+        return max(self.limit_ratios.values())
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Joint angles, velocities and accelerations at times ``t``, each ``t.shape + (n,)``.
+
+        Between samples a quintic that matches angle, velocity and acceleration at both neighbours; outside
+        ``[0, duration]`` the nearest end sample.
+        """
+        time = np.clip(np.asarray(t, dtype=float), self.t[0], self.t[-1])
+        left = np.clip(np.searchsorted(self.t, time, side="right") - 1, 0, len(self.t) - 2)
+        h = (self.t[left + 1] - self.t[left])[..., None]
+        s = (time - self.t[left])[..., None] / h
+        q0, v0, a0 = self.q[left], h * self.qd[left], h**2 * self.qdd[left]
+        q1, v1, a1 = self.q[left + 1], h * self.qd[left + 1], h**2 * self.qdd[left + 1]
+        rest, dv, da = q1 - q0 - v0 - a0 / 2.0, v1 - v0 - a0, a1 - a0
+        c3 = 10.0 * rest - 4.0 * dv + 0.5 * da
+        c4 = -15.0 * rest + 7.0 * dv - da
+        c5 = 6.0 * rest - 3.0 * dv + 0.5 * da
+        q = q0 + s * (v0 + s * (a0 / 2.0 + s * (c3 + s * (c4 + s * c5))))
+        qd = (v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
+        qdd = (a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / h**2
+        return q, qd, qdd
+
+
+def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> dict[str, float]:
+    """Worst |value| / limit of each kind over samples and joints.
+
+    Jerk is the difference of the sampled accelerations, so put samples where the jerk jumps.
+
+    Args:
+        limits: what the joints may do.
+        t: sample times, ``(samples,)``, s.
+        q, qd, qdd, tau: samples, ``(samples, n)``, SI units.
+
+    Returns:
+        Ratios under ``torque``, ``velocity``, ``acceleration``, ``jerk`` and ``angle``; 0 where there is no limit.
+    """
+    jerk = np.diff(qdd, axis=0) / np.diff(t)[:, None]
+    samples = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": jerk, "angle": q}
+    return {kind: float(np.max(np.abs(values) / np.array(getattr(limits, kind)))) for kind, values in samples.items()}
+
+
+def _freeze(instance: object, **lengths: int | None) -> None:
+    """Turn the named fields into read-only float arrays of the given lengths (None: any)."""
+    for name, length in lengths.items():
+        array = np.array(getattr(instance, name), dtype=float)
+        if array.ndim != 1 or (length is not None and len(array) != length):
+            wanted = "one dimension" if length is None else f"shape ({length},)"
+            raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} {array} must be finite")
+        array.setflags(write=False)
+        object.__setattr__(instance, name, array)
