@@ -23,6 +23,9 @@ class UnreachableTarget(ValueError):
         super().__init__(message)
         self.lanes = lanes
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return UnreachableTarget, (str(self), self.lanes)
+
 
 @njit(cache=True, nogil=True)
 def joint_positions(lengths: Array, base: Array, q: Array) -> Array:
@@ -57,11 +60,49 @@ def jacobian(lengths: Array, q: Array) -> Array:
     return columns
 
 
-def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
-    """Both elbow branches of a two-link arm.
+@njit(cache=True, nogil=True)
+def hand_state_lane(lengths: Array, base: Array, q: Array, qd: Array, hand: Array, velocity: Array) -> None:
+    """Position (m) and velocity (m/s) of one lane's hand, written to ``hand`` and ``velocity``, each ``(2,)``."""
+    hand[0], hand[1] = base[0], base[1]
+    velocity[0] = velocity[1] = 0.0
+    phi = w = 0.0
+    for i in range(q.shape[0]):
+        phi += q[i]
+        w += qd[i]
+        dx, dy = lengths[i] * np.cos(phi), lengths[i] * np.sin(phi)
+        hand[0] += dx
+        hand[1] += dy
+        velocity[0] -= dy * w
+        velocity[1] += dx * w
 
-    With ``d`` the vector from base to hand, ``cos q2 = (|d|^2 - l1^2 - l2^2) / (2 l1 l2)`` and
-    ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``.
+
+@njit(cache=True, nogil=True)
+def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) -> tuple[float, float]:
+    """The posture of a two-link arm that puts the hand at ``(dx, dy)`` m from the base; NaN where none does.
+
+    ``cos q2 = (d^2 - l1^2 - l2^2) / (2 l1 l2)`` and ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``;
+    ``q2`` takes the sign of ``elbow``.
+    """
+    cos_elbow = (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
+    if not abs(cos_elbow) <= 1.0 + 1e-12:  # a target on the rim must not fail by a rounding error
+        return np.nan, np.nan
+    q2 = np.copysign(np.arccos(min(1.0, max(-1.0, cos_elbow))), elbow)
+    q1 = np.arctan2(dy, dx) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
+    return (q1 + np.pi) % (2.0 * np.pi) - np.pi, q2
+
+
+@njit(cache=True, nogil=True)
+def _two_link_branches(lengths: Array, base: Array, hand: Array) -> Array:
+    q = np.empty((hand.shape[0], 2, 2))
+    for lane in range(hand.shape[0]):
+        dx, dy = hand[lane, 0] - base[0], hand[lane, 1] - base[1]
+        for branch in range(2):
+            q[lane, branch, 0], q[lane, branch, 1] = two_link_branch(lengths[0], lengths[1], dx, dy, 1.0 - 2.0 * branch)
+    return q
+
+
+def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
+    """Both elbow branches of a two-link arm (see `two_link_branch`).
 
     Args:
         lengths: link lengths, ``(2,)``, m.
@@ -74,27 +115,18 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     Raises:
         UnreachableTarget: if a target lies outside the annulus the arm reaches.
     """
-    l1, l2 = lengths
-    d = hand - base
-    distance = np.hypot(d[:, 0], d[:, 1])
-    nearest, farthest = abs(l1 - l2), l1 + l2
-    slack = 1e-12 * farthest  # a target on the rim must not fail by a rounding error
-    out = (distance > farthest + slack) | (distance < nearest - slack) | ~np.isfinite(distance)
+    q = _two_link_branches(lengths, base, hand)
+    out = np.isnan(q[:, 0, 0])
     if out.any():
         lanes = tuple(int(lane) for lane in np.flatnonzero(out))
         x, y = hand[lanes[0]]
+        distance = np.hypot(*(hand[lanes[0]] - base))
         raise UnreachableTarget(
-            f"hand position ({x:.4g}, {y:.4g}) m is {distance[lanes[0]]:.4g} m from the base; links of "
-            f"{l1:.4g} m and {l2:.4g} m reach from {nearest:.4g} m to {farthest:.4g} m"
+            f"hand position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; links of {lengths[0]:.4g} m and "
+            f"{lengths[1]:.4g} m reach from {abs(lengths[0] - lengths[1]):.4g} m to {lengths.sum():.4g} m"
             + (f" (and {len(lanes) - 1} more targets)" if len(lanes) > 1 else ""),
             lanes,
         )
-    cos_elbow = np.clip((distance**2 - l1**2 - l2**2) / (2.0 * l1 * l2), -1.0, 1.0)
-    elbow = np.arccos(cos_elbow)
-    q = np.empty((len(hand), 2, 2))
-    for branch, q2 in enumerate((elbow, -elbow)):
-        q[:, branch, 0] = wrap(np.arctan2(d[:, 1], d[:, 0]) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2)))
-        q[:, branch, 1] = q2
     return q
 
 
@@ -117,7 +149,12 @@ def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Ar
     try:
         first_two = two_link_inverse(lengths[:2], base, hand - last)
     except UnreachableTarget as error:
-        raise UnreachableTarget(f"with the last link at the wanted orientation the wrist's {error}", error.lanes) from None
+        lane = error.lanes[0]
+        raise UnreachableTarget(
+            f"hand position ({hand[lane, 0]:.4g}, {hand[lane, 1]:.4g}) m with the last link along "
+            f"{orientation[lane]:.4g} rad is out of reach: the wrist {error}",
+            error.lanes,
+        ) from None
     q3 = wrap(orientation[:, None] - first_two.sum(axis=-1))
     return np.concatenate([first_two, q3[..., None]], axis=-1)
 

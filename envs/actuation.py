@@ -1,0 +1,171 @@
+"""From action to motion: the control modes, the actuator's torque limit, and the watch over the joint limits."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numba import njit
+
+from envs.world import Records, advance
+from planners.arm import Arm
+from planners.dynamics import inverse_dynamics_lane
+from planners.typing import Array
+
+ControlMode = Literal["torque", "acceleration", "jerk"]
+CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk")
+LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
+_TORQUE, _ACCELERATION = 0, 1  # positions in CONTROL_MODES
+
+
+def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of a lane's record: what was commanded and done in the last control period, and the worst ratios so far."""
+    return [
+        ("tau", "f8", (n_joints,)),
+        ("qdd", "f8", (n_joints,)),
+        ("commanded_qdd", "f8", (n_joints,)),
+        ("limit_ratios", "f8", (len(LIMIT_KINDS),)),
+    ]
+
+
+def actuation_model_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of the model record: the control mode, the limits, and the dynamics the controller believes in."""
+    return [
+        ("control_mode", "i8"),
+        ("control_period", "f8"),
+        ("coupling", "f8", (n_joints, n_joints)),
+        ("weight", "f8", (n_joints,)),
+        ("limits", "f8", (len(LIMIT_KINDS), n_joints)),
+    ]
+
+
+def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_period: float) -> None:
+    """Write the actuation fields of the model record for the nominal arm (without its unknown payload).
+
+    Raises:
+        ValueError: if the control mode needs a limit that the arm lacks.
+    """
+    model["control_mode"] = CONTROL_MODES.index(control_mode)
+    model["control_period"] = control_period
+    model["coupling"], model["weight"] = arm.chain_constants
+    model["limits"] = [getattr(arm.limits, kind) for kind in LIMIT_KINDS]
+    scale = action_scale(arm, control_mode)
+    if not np.isfinite(scale).all():
+        raise ValueError(f'control_mode "{control_mode}" scales actions by the {control_mode} limits, but {arm.name} has {scale}')
+
+
+def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
+    """What an action of 1 stands for, ``(n,)``: N m, rad/s^2 or rad/s^3."""
+    return np.array(getattr(arm.limits, control_mode))
+
+
+@njit(cache=True, nogil=True)
+def apply_action(lane: Any, model: Any, action: Array) -> float:
+    """Advance one lane by one control period under an action in [-1, 1] (clipped), ``(n,)``.
+
+    Returns:
+        The worst |value| / limit of this period over all joints and kinds of limit.
+    """
+    n = lane.q.shape[0]
+    period = model.control_period
+    torque_limit, velocity_limit = model.limits[0], model.limits[1]
+    acceleration_limit, jerk_limit = model.limits[2], model.limits[3]
+    if model.control_mode == _TORQUE:
+        for i in range(n):
+            lane.tau[i] = min(1.0, max(-1.0, action[i])) * torque_limit[i]
+    else:
+        for i in range(n):
+            share = min(1.0, max(-1.0, action[i]))
+            if model.control_mode == _ACCELERATION:
+                lane.commanded_qdd[i] = share * acceleration_limit[i]
+            else:
+                lane.commanded_qdd[i] = jerk_limited(
+                    lane.qd[i],
+                    lane.commanded_qdd[i],
+                    share * jerk_limit[i],
+                    period,
+                    velocity_limit[i],
+                    acceleration_limit[i],
+                    jerk_limit[i],
+                )
+        torque_for_period(lane, model)
+        for i in range(n):
+            lane.tau[i] = min(torque_limit[i], max(-torque_limit[i], lane.tau[i]))
+    speed_before, acceleration_before = lane.qd.copy(), lane.qdd.copy()
+    advance(lane, model, lane.tau)
+    for i in range(n):
+        lane.qdd[i] = (lane.qd[i] - speed_before[i]) / period
+    return watch_limits(lane, model, acceleration_before)
+
+
+@njit(cache=True, nogil=True)
+def jerk_limited(
+    speed: float,
+    acceleration: float,
+    jerk: float,
+    period: float,
+    speed_limit: float,
+    acceleration_limit: float,
+    jerk_limit: float,
+) -> float:
+    """The acceleration of the next period: jerk integrated, and clipped so that every smoothness limit stays keepable.
+
+    Going from an acceleration a to zero at full jerk in steps of one period T adds at most
+    ``a^2 / (2 jerk) + a T / 2 + jerk T^2 / 8`` to the speed, this period included; the largest a that keeps the speed
+    limit solves that for equality.
+    """
+    wanted = acceleration + jerk * period
+    upper = _largest_safe_acceleration(speed_limit - speed, period, jerk_limit)
+    lower = -_largest_safe_acceleration(speed_limit + speed, period, jerk_limit)
+    wanted = min(wanted, upper, acceleration_limit)
+    wanted = max(wanted, lower, -acceleration_limit)
+    step = jerk_limit * period
+    return min(acceleration + step, max(acceleration - step, wanted))
+
+
+@njit(cache=True, nogil=True)
+def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: float) -> float:
+    if not (np.isfinite(speed_left) and np.isfinite(jerk_limit)):
+        return np.inf
+    half_step = 0.5 * jerk_limit * period
+    spare = 2.0 * jerk_limit * (speed_left - 0.125 * jerk_limit * period * period)
+    if spare <= -half_step * half_step:
+        return -np.inf
+    return np.sqrt(spare + half_step * half_step) - half_step
+
+
+@njit(cache=True, nogil=True)
+def torque_for_period(lane: Any, model: Any) -> None:
+    """Constant torques whose mean acceleration over the period is the commanded one: inverse dynamics at mid-period."""
+    half = 0.5 * model.control_period
+    n = lane.q.shape[0]
+    q, qd = np.empty(n), np.empty(n)
+    for i in range(n):
+        qd[i] = lane.qd[i] + half * lane.commanded_qdd[i]
+        q[i] = lane.q[i] + half * (lane.qd[i] + 0.5 * half * lane.commanded_qdd[i])
+    inverse_dynamics_lane(model.coupling, model.weight, q, qd, lane.commanded_qdd, lane.tau)
+
+
+@njit(cache=True, nogil=True)
+def watch_limits(lane: Any, model: Any, acceleration_before: Array) -> float:
+    """Hold the period's values against the limits; keeps the worst of the episode and returns the worst of the period.
+
+    Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
+    """
+    worst = 0.0
+    for kind in range(len(LIMIT_KINDS)):
+        for i in range(lane.q.shape[0]):
+            if kind == 0:
+                value = lane.tau[i]
+            elif kind == 1:
+                value = lane.qd[i]
+            elif kind == 2:
+                value = lane.qdd[i]
+            elif kind == 3:
+                value = (lane.qdd[i] - acceleration_before[i]) / model.control_period
+            else:
+                value = lane.q[i]
+            ratio = abs(value) / model.limits[kind, i]
+            worst = max(worst, ratio)
+            lane.limit_ratios[kind] = max(lane.limit_ratios[kind], ratio)
+    return worst

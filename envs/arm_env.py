@@ -1,0 +1,293 @@
+"""The Gymnasium loop around a task: `PlanarArmEnv` (a batch of one) and `PlanarArmVectorEnv` (the batch itself)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import EzPickle, seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from envs.observation import Observation
+from envs.rendering import Renderer
+from envs.settings import refuse_unknown
+from envs.task import Task
+from planners import MotionProblem
+from planners.typing import Array
+
+Frame = NDArray[np.uint8]
+Info = dict[str, Any]
+RENDER_MODES = ("human", "rgb_array")
+
+
+class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
+    """One lane of a task as a Gymnasium environment.
+
+    Pickling keeps how the environment was made, not the episode that is under way.
+
+    Args:
+        render_mode: ``"human"``, ``"rgb_array"`` or None.
+        config: fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
+    task_type: ClassVar[type[Any]]
+
+    def __init__(self, render_mode: str | None = None, **config: Any) -> None:
+        EzPickle.__init__(self, render_mode, **config)
+        _check_render_mode(render_mode)
+        self.task: Task = self.task_type.make(config, 1)
+        self.render_mode = render_mode
+        self.observation_space = self.task.layout.space()
+        self.action_space = self.task.action_space()
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.task.config.control_period)}
+        self._needs_reset = True
+        self._camera = _Camera(self.task, render_mode)
+        # Views of the one lane, so that a step touches no more Python than it must.
+        lane = self.task.lanes[0]
+        self._lane, self._action = lane, lane["action"]
+        self._observation, self._terms = lane["observation"], lane["reward_terms"]
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Begin an episode; see the environment's own page for the options."""
+        super().reset(seed=seed)
+        self.task.reset_lanes([0], [self.np_random], options or {})
+        self._needs_reset = False
+        self._camera.begin()
+        if self.render_mode == "human":
+            self.render()
+        return self._observation.copy(), self._step_info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
+        """Hold an action for one control period."""
+        if self._needs_reset:
+            raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
+        self._action[:] = action
+        self.task.advance()
+        lane = self._lane
+        terminated, truncated = bool(lane["terminated"]), bool(lane["truncated"])
+        info = self._step_info()
+        if terminated or truncated:
+            self._needs_reset = True
+            info.update(self.task.episode_info(0))
+        if self.render_mode is not None:
+            self._camera.follow()
+            if self.render_mode == "human":
+                self.render()
+        return self._observation.copy(), float(lane["reward"]), terminated, truncated, info
+
+    def render(self) -> Frame | None:  # type: ignore[override]
+        """The current frame, ``(height, width, 3)``, or None in ``"human"`` mode, where it goes to a window."""
+        if self.render_mode is None:
+            gym.logger.warn('render() needs a render mode: gym.make(..., render_mode="rgb_array")')
+            return None
+        frame = self._camera.frame()
+        return None if self.render_mode == "human" else frame
+
+    def close(self) -> None:
+        """Close the window, if any; may be called twice."""
+        self._camera.close()
+        self.task.close()
+
+    def joint_state(self) -> tuple[Array, Array]:
+        """Joint angles (rad) and velocities (rad/s), each ``(n,)``."""
+        return self.task.lanes["q"][0].copy(), self.task.lanes["qd"][0].copy()
+
+    def motion_problem(self) -> MotionProblem:
+        """The problem an expert would read from the current observation."""
+        return self.task.motion_problem(self._observation)
+
+    def _step_info(self) -> Info:
+        terms = dict(zip(self.task.reward_terms, self._terms.tolist(), strict=True))
+        return {"is_success": bool(self._lane["success"]), "reward_terms": terms}
+
+
+class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
+    """A batch of lanes as a Gymnasium vector environment; lane i equals the single environment with seed + i.
+
+    A lane whose episode ends begins the next in the same step: the returned observation is the new one, and the
+    last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
+
+    Args:
+        num_envs: number of lanes.
+        render_mode: ``"rgb_array"`` or None.
+        max_episode_steps: end every episode after so many steps, if that is earlier than the task's horizon.
+        config: fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": 50,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+    task_type: ClassVar[type[Any]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        **config: Any,
+    ) -> None:
+        EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, **config)
+        if num_envs < 1:
+            raise ValueError(f"num_envs {num_envs} must be at least 1")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f'render_mode "{render_mode}": a vector environment renders "rgb_array" only')
+        self.task: Task = self.task_type.make(config, num_envs)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.single_observation_space = self.task.layout.space()
+        self.single_action_space = self.task.action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._max_episode_steps = max_episode_steps
+        self._generators: list[np.random.Generator] = []
+        self._cameras = [_Camera(self.task, render_mode, lane) for lane in range(num_envs)] if render_mode else []
+        self._running = False
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Begin an episode in every lane, or in those of ``options["reset_mask"]``."""
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
+        self._seed(seed, chosen)
+        self.task.reset_lanes(chosen, [self._generators[lane] for lane in chosen], options)
+        for lane in chosen if self._cameras else ():
+            self._cameras[lane].begin()
+        self._running = True
+        return self._observations(), self._step_infos()
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Hold one action a lane, ``(num_envs, n)``, for one control period."""
+        if not self._running:
+            raise gym.error.ResetNeeded("no episode has begun: call reset() first")
+        lanes = self.task.lanes
+        lanes["action"] = actions
+        self.task.advance()
+        for camera in self._cameras:
+            camera.follow()
+        terminated, truncated = lanes["terminated"].copy(), lanes["truncated"].copy()
+        if self._max_episode_steps is not None:
+            truncated |= lanes["step"] >= self._max_episode_steps
+        rewards, infos = lanes["reward"].copy(), self._step_infos()
+        ended = terminated | truncated
+        if ended.any():
+            infos.update(self._final(ended))
+            which = np.flatnonzero(ended).tolist()
+            self.task.reset_lanes(which, [self._generators[lane] for lane in which], {})
+            for lane in which if self._cameras else ():
+                self._cameras[lane].begin()
+        return self._observations(), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """One frame a lane."""
+        return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let threads and surfaces go."""
+        for camera in self._cameras:
+            camera.close()
+        self.task.close()
+
+    def joint_state(self) -> tuple[Array, Array]:
+        """Joint angles (rad) and velocities (rad/s), each ``(num_envs, n)``."""
+        return self.task.lanes["q"].copy(), self.task.lanes["qd"].copy()
+
+    def motion_problem(self, lane: int) -> MotionProblem:
+        """The problem an expert would read from the current observation of a lane."""
+        return self.task.motion_problem(self.task.lanes["observation"][lane])
+
+    def _seed(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> None:
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + lane for lane in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else seed
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} lanes; give one int, or one seed a lane")
+        if not self._generators:
+            self._generators = [seeding.np_random(one)[0] for one in seeds]
+            return
+        for lane in chosen:
+            if seeds[lane] is not None:
+                self._generators[lane] = seeding.np_random(seeds[lane])[0]
+
+    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_:
+            raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},)")
+        if not self._running and not array.all():
+            raise ValueError("the first reset must reset every lane: leave out reset_mask")
+        return array
+
+    def _observations(self) -> Observation:
+        return self.task.lanes["observation"].copy()
+
+    def _step_infos(self) -> Info:
+        lanes = self.task.lanes
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        terms: Info = {}
+        for column, name in enumerate(self.task.reward_terms):
+            terms[name], terms[f"_{name}"] = lanes["reward_terms"][:, column].copy(), everywhere.copy()
+        return {
+            "is_success": lanes["success"].copy(),
+            "_is_success": everywhere.copy(),
+            "reward_terms": terms,
+            "_reward_terms": everywhere.copy(),
+        }
+
+    def _final(self, ended: NDArray[np.bool_]) -> Info:
+        """Last observations and infos of the lanes that ended, in Gymnasium's vector form."""
+        final: Info = {}
+        for lane in np.flatnonzero(ended):
+            step = {"is_success": bool(self.task.lanes["success"][lane]), "reward_terms": self._terms_of(lane)}
+            final = self._add_info(final, {**step, **self.task.episode_info(lane)}, lane)
+        observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
+        return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
+
+    def _terms_of(self, lane: int) -> dict[str, float]:
+        return dict(zip(self.task.reward_terms, self.task.lanes["reward_terms"][lane].tolist(), strict=True))
+
+
+class _Camera:
+    """Draws one lane, with the trail of its hand."""
+
+    def __init__(self, task: Task, render_mode: str | None, lane: int = 0) -> None:
+        self._task, self._lane, self._window = task, lane, render_mode == "human"
+        self._trail: list[Array] = []
+        self._renderer: Renderer | None = None
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._trail.clear()
+        self.follow()
+
+    def follow(self) -> None:
+        """Remember where the hand is."""
+        self._trail.append(self._task.arm.forward_kinematics(self._task.lanes["q"][self._lane]))
+
+    def frame(self) -> Frame:
+        """Draw the lane as it is now."""
+        if self._renderer is None:
+            fps = round(1.0 / self._task.config.control_period)
+            self._renderer = Renderer(self._task.view, window=self._window, fps=fps)
+        return self._renderer.draw(self._task.scene(self._lane, self._trail))
+
+    def close(self) -> None:
+        """Let the window go."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _check_render_mode(render_mode: str | None) -> None:
+    if render_mode is not None:
+        refuse_unknown([render_mode], RENDER_MODES, "render mode")

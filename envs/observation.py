@@ -1,0 +1,90 @@
+"""Observation layouts: every element declared once, by name, with its unit and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.typing import Array
+
+Observation = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One named stretch of an observation.
+
+    Attributes:
+        name: what it is.
+        size: number of elements.
+        scale: physical value of an observed 1; an observation holds value / scale.
+        bound: largest observed magnitude; what is beyond is clipped.
+        unit: of the physical value.
+        meaning: for the documentation.
+    """
+
+    name: str
+    size: int
+    scale: float
+    bound: float
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The named entries of an observation, in order."""
+
+    entries: tuple[Entry, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of elements of one observation."""
+        return sum(entry.size for entry in self.entries)
+
+    @property
+    def scales(self) -> Array:
+        """Physical value of an observed 1, ``(size,)``."""
+        return np.repeat([entry.scale for entry in self.entries], [entry.size for entry in self.entries])
+
+    @property
+    def bounds(self) -> Array:
+        """Largest observed magnitude, ``(size,)``."""
+        return np.repeat([entry.bound for entry in self.entries], [entry.size for entry in self.entries])
+
+    def slices(self) -> Iterator[tuple[Entry, slice]]:
+        """Each entry with its place in the observation."""
+        begin = 0
+        for entry in self.entries:
+            yield entry, slice(begin, begin + entry.size)
+            begin += entry.size
+
+    def space(self) -> gym.spaces.Box:
+        """The observation space."""
+        bounds = self.bounds.astype(np.float32)
+        return gym.spaces.Box(-bounds, bounds, dtype=np.float32)
+
+    def parse(self, observation: Observation) -> dict[str, Array]:
+        """Physical values by name, SI units, from observations of shape ``(..., size)``.
+
+        Raises:
+            ValueError: if the observation has another size.
+        """
+        values = np.asarray(observation, dtype=np.float64)
+        if values.shape[-1:] != (self.size,):
+            raise ValueError(f"observation of shape {values.shape}; this layout has {self.size} elements in its last axis")
+        physical = values * self.scales
+        return {entry.name: physical[..., place] for entry, place in self.slices()}
+
+    def table(self) -> str:
+        """The layout as a Markdown table."""
+        rows = ["| Index | Name | Unit | Scale | Bound | Meaning |", "|---|---|---|---|---|---|"]
+        for entry, place in self.slices():
+            index = str(place.start) if entry.size == 1 else f"{place.start}-{place.stop - 1}"
+            bound = f"±{entry.scale * entry.bound:g}"
+            rows.append(f"| {index} | `{entry.name}` | {entry.unit} | {entry.scale:g} | {bound} | {entry.meaning} |")
+        return "\n".join(rows)

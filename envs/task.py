@@ -1,0 +1,187 @@
+"""What every task is: a batch of lanes with compiled state, and the few questions an environment asks of it."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from numba import njit
+
+from envs.actuation import (
+    LIMIT_KINDS,
+    ControlMode,
+    actuation_lane_fields,
+    actuation_model_fields,
+    fill_actuation,
+)
+from envs.observation import Layout, Observation
+from envs.rendering import Scene
+from envs.settings import Settings
+from envs.world import World, arm_fields, body_fields
+from planners import Arm, MotionProblem
+
+Fields = list[tuple[Any, ...]]
+Options = Mapping[str, Any]
+
+_LANES_PER_THREAD = 32  # below this a second thread costs more than it brings
+
+
+class TaskSettings(Settings):
+    """Settings that every task has.
+
+    Attributes:
+        control_mode: what an action means: ``torque``, ``acceleration`` or ``jerk``.
+        control_period: time for which an action is held, s.
+        physics_step: time of one step of the physics, s.
+        horizon: length of an episode, s.
+        payload: point mass at the hand that no policy is told, kg.
+    """
+
+    control_mode: ControlMode = "torque"
+    control_period: float = 0.02
+    physics_step: float = 0.002
+    horizon: float = 3.0
+    payload: float = 0.0
+
+
+class Task(ABC):
+    """A batch of lanes of one task.
+
+    A lane's whole state is one record of `lanes`; what the lanes share is the single record of `model`. Compiled
+    kernels read and write both. Subclasses name their extra fields, their observation and reward terms, and write the
+    kernel that advances a slice of lanes.
+
+    Attributes:
+        arm: the robot as the policy knows it, without its payload.
+        layout: what an observation holds.
+        reward_terms: names of the terms whose sum is the reward.
+        lanes: one record a lane.
+        model: an array of one record.
+    """
+
+    env_id: ClassVar[str]
+    layout: ClassVar[Layout]
+    reward_terms: ClassVar[tuple[str, ...]]
+
+    def __init__(self, config: TaskSettings, arm: Arm, n_lanes: int, extra_lane: Fields, extra_model: Fields) -> None:
+        n = arm.n_joints
+        self.config = config
+        self.arm = arm
+        self.n_lanes = n_lanes
+        self.horizon_steps = self._whole_periods("horizon", config.horizon)
+        common: Fields = [
+            ("action", "f8", (n,)),
+            ("observation", "f4", (self.layout.size,)),
+            ("reward_terms", "f8", (len(self.reward_terms),)),
+            ("reward", "f8"),
+            ("terminated", "?"),
+            ("truncated", "?"),
+            ("success", "?"),
+            ("step", "i8"),
+        ]
+        scales: Fields = [("scales", "f8", (self.layout.size,)), ("bounds", "f8", (self.layout.size,))]
+        horizon: Fields = [("horizon_steps", "i8")]
+        lane_type = np.dtype(common + arm_fields(n) + actuation_lane_fields(n) + extra_lane, align=True)
+        model_type = np.dtype(scales + horizon + body_fields(n) + actuation_model_fields(n) + extra_model, align=True)
+        self.lanes = np.zeros(n_lanes, lane_type)
+        self.model = np.zeros(1, model_type)
+        self.model["scales"], self.model["bounds"] = self.layout.scales, self.layout.bounds
+        self.model["horizon_steps"] = self.horizon_steps
+        fill_actuation(self.model, arm, config.control_mode, config.control_period)
+        self._world = World(
+            arm.with_payload(config.payload),
+            self.lanes,
+            self.model,
+            control_period=config.control_period,
+            physics_step=config.physics_step,
+        )
+        self._threads = min(os.cpu_count() or 1, n_lanes // _LANES_PER_THREAD)
+        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+
+    @abstractmethod
+    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
+        """Begin an episode in some lanes, each with its own generator; options that cannot be met raise ValueError."""
+
+    @abstractmethod
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance lanes ``first`` to ``last - 1`` by one control period under their ``action``."""
+
+    @abstractmethod
+    def episode_info(self, lane: int) -> dict[str, Any]:
+        """What is to be told of a lane's episode at its end."""
+
+    @abstractmethod
+    def motion_problem(self, observation: Observation) -> MotionProblem:
+        """The problem that an observation ``(size,)`` states, for a planner to solve."""
+
+    @abstractmethod
+    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this lane shows, with the hand positions so far."""
+
+    @property
+    @abstractmethod
+    def view(self) -> tuple[float, float, float, float]:
+        """Stretch of the plane a frame shows: x from, x to, y from, y to, m."""
+
+    def advance(self) -> None:
+        """Advance every lane by one control period, on as many threads as pay.
+
+        Raises:
+            ValueError: if an action is not finite; nothing has moved then.
+        """
+        if not actions_finite(self.lanes):
+            bad = np.flatnonzero(~np.isfinite(self.lanes["action"]).all(axis=1))
+            raise ValueError(
+                f"action {self.lanes['action'][bad[0]].tolist()} (lane {bad[0]}) is not finite; "
+                "actions are numbers in [-1, 1], larger ones are clipped"
+            )
+        if self._threads < 2:
+            self.advance_slice(0, self.n_lanes)
+            return
+        cuts = np.linspace(0, self.n_lanes, self._threads + 1).astype(int).tolist()
+        list(self._executor().map(self.advance_slice, cuts[:-1], cuts[1:]))
+
+    def close(self) -> None:
+        """Let the threads go; may be called twice."""
+        if self._pool is not None:
+            self._pool[1].shutdown(wait=False)
+            self._pool = None
+
+    def limit_info(self, lane: int) -> dict[str, Any]:
+        """Worst limit ratio of a lane's episode, and the worst of each kind."""
+        ratios = dict(zip(LIMIT_KINDS, self.lanes["limit_ratios"][lane].tolist(), strict=True))
+        return {"limit_ratio": max(ratios.values()), "limit_ratios": ratios}
+
+    def action_space(self) -> gym.spaces.Box:
+        """The action space of one lane: one number in [-1, 1] a joint."""
+        return gym.spaces.Box(-1.0, 1.0, (self.arm.n_joints,), np.float32)
+
+    def _executor(self) -> ThreadPoolExecutor:
+        # Threads do not survive a fork, so a pool belongs to the process that made it.
+        if self._pool is None or self._pool[0] != os.getpid():
+            self._pool = (os.getpid(), ThreadPoolExecutor(self._threads, thread_name_prefix="planarm"))
+        return self._pool[1]
+
+    def _whole_periods(self, name: str, seconds: float) -> int:
+        periods = seconds / self.config.control_period
+        if abs(periods - round(periods)) > 1e-6 or round(periods) < 1:
+            raise ValueError(
+                f"{name} {seconds} s is no multiple of control_period {self.config.control_period} s; "
+                f"{max(1, round(periods)) * self.config.control_period:g} s would do"
+            )
+        return round(periods)
+
+
+@njit(cache=True, nogil=True)
+def actions_finite(lanes: Any) -> bool:
+    """Whether every action of every lane is finite."""
+    for lane in range(lanes.shape[0]):
+        for value in lanes[lane].action:
+            if not np.isfinite(value):
+                return False
+    return True
