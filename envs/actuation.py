@@ -9,13 +9,15 @@ from numba import njit
 
 from envs.world import Records, advance
 from planners.arm import Arm
-from planners.dynamics import inverse_dynamics_lane
+from planners.control import held_torque_lane
+from planners.dynamics import mass_matrix_lane
 from planners.typing import Array
 
 ControlMode = Literal["torque", "acceleration", "jerk"]
 CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk")
 LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 _TORQUE, _ACCELERATION = 0, 1  # positions in CONTROL_MODES
+_TORQUE_SWEEPS = 20
 
 
 def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
@@ -67,60 +69,77 @@ def apply_action(lane: Any, model: Any, action: Array) -> float:
         The worst |value| / limit of this period over all joints and kinds of limit.
     """
     n = lane.q.shape[0]
-    period = model.control_period
-    torque_limit, velocity_limit = model.limits[0], model.limits[1]
-    acceleration_limit, jerk_limit = model.limits[2], model.limits[3]
+    share = np.empty(n)
+    for i in range(n):
+        share[i] = min(1.0, max(-1.0, action[i]))
     if model.control_mode == _TORQUE:
         for i in range(n):
-            lane.tau[i] = min(1.0, max(-1.0, action[i])) * torque_limit[i]
+            lane.tau[i] = share[i] * model.limits[0, i]
+    elif model.control_mode == _ACCELERATION:
+        for i in range(n):
+            lane.commanded_qdd[i] = share[i] * model.limits[2, i]
+        held_torque_lane(
+            model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, model.control_period, lane.tau
+        )
     else:
-        for i in range(n):
-            share = min(1.0, max(-1.0, action[i]))
-            if model.control_mode == _ACCELERATION:
-                lane.commanded_qdd[i] = share * acceleration_limit[i]
-            else:
-                lane.commanded_qdd[i] = jerk_limited(
-                    lane.qd[i],
-                    lane.commanded_qdd[i],
-                    share * jerk_limit[i],
-                    period,
-                    velocity_limit[i],
-                    acceleration_limit[i],
-                    jerk_limit[i],
-                )
-        torque_for_period(lane, model)
-        for i in range(n):
-            lane.tau[i] = min(torque_limit[i], max(-torque_limit[i], lane.tau[i]))
+        command_smoothly(lane, model, share)
+    for i in range(n):
+        lane.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
     speed_before, acceleration_before = lane.qd.copy(), lane.qdd.copy()
     advance(lane, model, lane.tau)
     for i in range(n):
-        lane.qdd[i] = (lane.qd[i] - speed_before[i]) / period
+        lane.qdd[i] = (lane.qd[i] - speed_before[i]) / model.control_period
     return watch_limits(lane, model, acceleration_before)
 
 
 @njit(cache=True, nogil=True)
-def jerk_limited(
-    speed: float,
-    acceleration: float,
-    jerk: float,
-    period: float,
-    speed_limit: float,
-    acceleration_limit: float,
-    jerk_limit: float,
-) -> float:
-    """The acceleration of the next period: jerk integrated, and clipped so that every smoothness limit stays keepable.
+def command_smoothly(lane: Any, model: Any, share: Array) -> None:
+    """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
 
-    Going from an acceleration a to zero at full jerk in steps of one period T adds at most
-    ``a^2 / (2 jerk) + a T / 2 + jerk T^2 / 8`` to the speed, this period included; the largest a that keeps the speed
-    limit solves that for equality.
+    The accelerations stay within what keeps every smoothness limit. Where that would ask more torque than there is,
+    they are moved, within the same bounds, until the torques fit (projected Gauss-Seidel on the mass matrix).
     """
-    wanted = acceleration + jerk * period
-    upper = _largest_safe_acceleration(speed_limit - speed, period, jerk_limit)
-    lower = -_largest_safe_acceleration(speed_limit + speed, period, jerk_limit)
-    wanted = min(wanted, upper, acceleration_limit)
-    wanted = max(wanted, lower, -acceleration_limit)
+    n = lane.q.shape[0]
+    period = model.control_period
+    lower, upper = np.empty(n), np.empty(n)
+    for i in range(n):
+        lower[i], upper[i] = smooth_bounds(
+            lane.qd[i], lane.commanded_qdd[i], period, model.limits[1, i], model.limits[2, i], model.limits[3, i]
+        )
+        wanted = lane.commanded_qdd[i] + share[i] * model.limits[3, i] * period
+        lane.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
+    mass = np.empty((n, n))
+    mass_matrix_lane(model.coupling, lane.q, mass)
+    for _ in range(_TORQUE_SWEEPS):
+        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+        fits = True
+        for i in range(n):
+            allowed = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
+            if allowed != lane.tau[i]:
+                fits = False
+                moved = lane.commanded_qdd[i] + (allowed - lane.tau[i]) / mass[i, i]
+                moved = min(upper[i], max(lower[i], moved))
+                for j in range(n):
+                    lane.tau[j] += mass[j, i] * (moved - lane.commanded_qdd[i])
+                lane.commanded_qdd[i] = moved
+        if fits:
+            return
+
+
+@njit(cache=True, nogil=True)
+def smooth_bounds(
+    speed: float, acceleration: float, period: float, speed_limit: float, acceleration_limit: float, jerk_limit: float
+) -> tuple[float, float]:
+    """The accelerations of one joint for the next period that keep its velocity, acceleration and jerk limits keepable.
+
+    Going from an acceleration a to zero at full jerk J in steps of one period T adds at most a^2 / (2 J) + a T / 2 +
+    J T^2 / 8 to the speed, this period included; the largest a that keeps the speed limit solves that for equality.
+    """
     step = jerk_limit * period
-    return min(acceleration + step, max(acceleration - step, wanted))
+    upper = min(acceleration_limit, _largest_safe_acceleration(speed_limit - speed, period, jerk_limit))
+    lower = -min(acceleration_limit, _largest_safe_acceleration(speed_limit + speed, period, jerk_limit))
+    lowest, highest = acceleration - step, acceleration + step
+    return min(highest, max(lowest, lower)), max(lowest, min(highest, upper))
 
 
 @njit(cache=True, nogil=True)
@@ -132,18 +151,6 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
     if spare <= -half_step * half_step:
         return -np.inf
     return np.sqrt(spare + half_step * half_step) - half_step
-
-
-@njit(cache=True, nogil=True)
-def torque_for_period(lane: Any, model: Any) -> None:
-    """Constant torques whose mean acceleration over the period is the commanded one: inverse dynamics at mid-period."""
-    half = 0.5 * model.control_period
-    n = lane.q.shape[0]
-    q, qd = np.empty(n), np.empty(n)
-    for i in range(n):
-        qd[i] = lane.qd[i] + half * lane.commanded_qdd[i]
-        q[i] = lane.q[i] + half * (lane.qd[i] + 0.5 * half * lane.commanded_qdd[i])
-    inverse_dynamics_lane(model.coupling, model.weight, q, qd, lane.commanded_qdd, lane.tau)
 
 
 @njit(cache=True, nogil=True)

@@ -21,6 +21,7 @@ from envs.task import Options, Task, TaskSettings
 from envs.world import place_arm
 from planners import SCARA_1M, MotionProblem, MovingHand
 from planners.kinematics import hand_state_lane, two_link_branch
+from planners.typing import Array
 
 LINE_LENGTH = 0.5
 """Length of the paper's path, X_h(t_f) - X_h(t_0), m: the unit of its position r in the index J of eq 18."""
@@ -171,6 +172,10 @@ class ConveyorTrack(Task):
             **self.limit_info(lane),
         }
 
+    def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """The part: position, velocity and acceleration, each ``(..., 2)``."""
+        return seen["part"] + self.arm.base_array, seen["part_velocity"], seen["part_acceleration"]
+
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """Meet the part within the time left, from the observed joint state."""
         seen = self.layout.parse(observation)
@@ -179,7 +184,7 @@ class ConveyorTrack(Task):
             q=seen["joint_position"],
             qd=seen["joint_velocity"],
             qdd=seen["joint_acceleration"],
-            target=MovingHand(seen["part"] + self.arm.base_array, seen["part_velocity"], seen["part_acceleration"]),
+            target=MovingHand(*self.hand_goal(seen)),
             horizon=max(float(seen["time_left"][0]), self.config.control_period),
         )
 

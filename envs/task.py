@@ -24,6 +24,7 @@ from envs.rendering import Scene
 from envs.settings import Settings
 from envs.world import World, arm_fields, body_fields
 from planners import Arm, MotionProblem
+from planners.typing import Array
 
 Fields = list[tuple[Any, ...]]
 Options = Mapping[str, Any]
@@ -118,6 +119,10 @@ class Task(ABC):
     @abstractmethod
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """The problem that an observation ``(size,)`` states, for a planner to solve."""
+
+    @abstractmethod
+    def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """Where the hand should be: position, velocity and acceleration, each ``(lanes, 2)``, of parsed observations."""
 
     @abstractmethod
     def scene(self, lane: int, trail: Sequence[Any]) -> Scene:

@@ -10,6 +10,7 @@ Three choices make Pymunk a good manipulator simulator (``planarm fidelity`` pri
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,9 @@ class World:
                 part = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
                 space.add(part)
                 lane["part"] = chipmunk.address(part._body)
-                self._objects.append((part,))
+                self._objects.append(part)
+        # Pymunk cannot free a space once the interpreter takes its modules apart; this comes before that.
+        weakref.finalize(self, self._objects.clear)
 
 
 def substeps_per_period(control_period: float, physics_step: float) -> int:

@@ -1,0 +1,266 @@
+"""Scripted experts: a planner and a tracking controller behind the `predict` of a Stable-Baselines3 policy.
+
+An expert sees what an agent sees, the observation, and gives what an agent gives, an action in the environment's
+control mode. What it must remember between steps travels in the `state` that `predict` takes and returns.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.actuation import action_scale
+from envs.observation import Observation
+from envs.settings import refuse_unknown
+from envs.task import Task
+from planners import Infeasible, MotionProblem, Trajectory, dpct
+from planners.control import Gains, held_torque, tracking_acceleration
+from planners.typing import Array
+
+Actions = NDArray[np.float32]
+Planner = Callable[[MotionProblem], Trajectory]
+
+
+class Expert(ABC):
+    """A policy that is not learnt.
+
+    Attributes:
+        plans_made: number of motions planned so far.
+        planning_seconds: time they took.
+        infeasible: how many of them had no solution.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.plans_made = 0
+        self.planning_seconds = 0.0
+        self.infeasible = 0
+        self._scale = action_scale(task.arm, task.config.control_mode)
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Actions, Any]:
+        """Actions for observations.
+
+        Args:
+            observation: ``(size,)`` or ``(lanes, size)``.
+            state: what the last call returned; None at the beginning.
+            episode_start: ``(lanes,)``, which lanes are at the first step of an episode; all when ``state`` is None.
+            deterministic: accepted for compatibility; experts are deterministic unless their name says otherwise.
+
+        Returns:
+            Actions in [-1, 1], ``(n,)`` or ``(lanes, n)``, and the state for the next call.
+
+        Raises:
+            ValueError: if the observation has the wrong size, or the state is of another number of lanes.
+        """
+        batch = np.atleast_2d(observation)
+        starts = np.ones(len(batch), dtype=bool)
+        if state is not None:
+            starts = np.zeros_like(starts) if episode_start is None else np.asarray(episode_start, dtype=bool).reshape(-1)
+        if len(starts) != len(batch):
+            raise ValueError(f"episode_start has {len(starts)} entries for {len(batch)} observations; give one each")
+        actions, state = self._act(batch, state, starts)
+        actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
+        return (actions[0] if np.ndim(observation) == 1 else actions), state
+
+    @abstractmethod
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
+        """Unclipped actions ``(lanes, n)`` and the next state."""
+
+    def _action_for(self, seen: dict[str, Array], qdd: Array) -> Array:
+        """The action, in the environment's control mode, that gives mean joint accelerations ``(lanes, n)``."""
+        config = self.task.config
+        if config.control_mode == "acceleration":
+            wanted = qdd
+        elif config.control_mode == "jerk":
+            wanted = (qdd - seen["joint_acceleration"]) / config.control_period
+        else:
+            q, qd = seen["joint_position"], seen["joint_velocity"]
+            wanted = held_torque(self.task.arm, q, qd, qdd, config.control_period)
+        return wanted / self._scale
+
+
+@dataclass(frozen=True)
+class _Tracking:
+    """What a planning expert remembers: each lane's sampled plan, and how far along it is.
+
+    Attributes:
+        q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
+        last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
+        step: control periods since the episode began, ``(lanes,)``.
+    """
+
+    q: Array
+    qd: Array
+    last: NDArray[np.int64]
+    step: NDArray[np.int64]
+
+
+class PlanningExpert(Expert):
+    """Plans once at the start of an episode and tracks the plan by computed torque.
+
+    A lane without a plan (the problem has no solution), or past the end of its plan, brakes within its limits.
+    """
+
+    def __init__(self, task: Task, planner: Planner, gains: Gains | None = None) -> None:
+        super().__init__(task)
+        self._planner = planner
+        self._gains = gains or Gains()
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
+        period = self.task.config.control_period
+        tracking = self._empty(len(observations)) if state is None else cast(_Tracking, state)
+        if len(tracking.step) != len(observations):
+            raise ValueError(f"state is of {len(tracking.step)} lanes, the observation of {len(observations)}")
+        if starts.any():
+            tracking = self._replan(observations, tracking, starts)
+        seen = self.task.layout.parse(observations)
+        q, qd = seen["joint_position"], seen["joint_velocity"]
+        lanes = np.arange(len(observations))
+        now, ahead = np.minimum(tracking.step, tracking.last), np.minimum(tracking.step + 1, tracking.last)
+        qdd = tracking_acceleration(
+            q,
+            qd,
+            (tracking.q[lanes, now], tracking.qd[lanes, now]),
+            (tracking.q[lanes, ahead], tracking.qd[lanes, ahead]),
+            period,
+            self._gains,
+        )
+        braking = tracking.step >= tracking.last
+        if braking.any():
+            qdd = np.where(braking[:, None], self._braking(seen), qdd)
+        return self._action_for(seen, qdd), replace(tracking, step=tracking.step + 1)
+
+    def _empty(self, n_lanes: int) -> _Tracking:
+        samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
+        none = np.zeros(n_lanes, dtype=np.int64)
+        return _Tracking(np.zeros(samples), np.zeros(samples), none, none)
+
+    def _replan(self, observations: Observation, old: _Tracking, starts: NDArray[np.bool_]) -> _Tracking:
+        new = _Tracking(old.q.copy(), old.qd.copy(), old.last.copy(), np.where(starts, 0, old.step))
+        period = self.task.config.control_period
+        for lane in np.flatnonzero(starts):
+            problem = self.task.motion_problem(observations[lane])
+            plan = self._plan(problem)
+            new.last[lane] = 0
+            if plan is not None:
+                last = min(int(plan.duration / period + 1e-6), self.task.horizon_steps)
+                new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
+                new.last[lane] = last
+        return new
+
+    def _plan(self, problem: MotionProblem) -> Trajectory | None:
+        began = time.perf_counter()
+        try:
+            return self._planner(problem)
+        except Infeasible:
+            self.infeasible += 1
+            return None
+        finally:
+            self.plans_made += 1
+            self.planning_seconds += time.perf_counter() - began
+
+    def _braking(self, seen: dict[str, Array]) -> Array:
+        """Accelerations that bring the joints to rest within the acceleration and jerk limits."""
+        period, limits = self.task.config.control_period, self.task.arm.limits
+        acceleration, jerk = np.array(limits.acceleration), np.array(limits.jerk)
+        speed = seen["joint_velocity"]
+        # With a jerk limit, speed v can be shed to rest from an acceleration of at most sqrt(2 jerk v).
+        gentle = np.minimum(np.abs(speed) / period, acceleration)
+        gentle = np.where(np.isfinite(jerk), np.minimum(gentle, np.sqrt(2.0 * jerk * np.abs(speed))), gentle)
+        wanted = -np.sign(speed) * gentle
+        before = seen["joint_acceleration"]
+        return np.clip(wanted, before - jerk * period, before + jerk * period)
+
+
+class FollowerExpert(Expert):
+    """Computed torque on the goal itself, without planning: what a controller alone achieves.
+
+    The hand is driven to the goal as a critically damped second-order system; joint accelerations are scaled down to
+    their limits, jerk is not looked at.
+
+    Args:
+        task: the environment's task.
+        bandwidth: natural frequency of the hand's error, rad/s.
+    """
+
+    def __init__(self, task: Task, bandwidth: float = 4.0) -> None:
+        super().__init__(task)
+        self._bandwidth = bandwidth
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
+        seen = self.task.layout.parse(observations)
+        arm, w = self.task.arm, self._bandwidth
+        q, qd = np.ascontiguousarray(seen["joint_position"]), np.ascontiguousarray(seen["joint_velocity"])
+        jacobian = arm.jacobian(q)
+        position, velocity, acceleration = self.task.hand_goal(seen)
+        error = position - arm.forward_kinematics(q)
+        hand_velocity = np.einsum("lij,lj->li", jacobian, qd)
+        wanted = acceleration + 2.0 * w * (velocity - hand_velocity) + w**2 * error
+        wanted = wanted - self._centripetal(q, qd)
+        # Damped least squares: near a singular posture the arm does what it can.
+        square = np.einsum("lij,lkj->lik", jacobian, jacobian) + 1e-6 * np.eye(2)
+        qdd = np.einsum("lji,lj->li", jacobian, np.linalg.solve(square, wanted[..., None])[..., 0])
+        excess = np.max(np.abs(qdd) / np.array(arm.limits.acceleration), axis=1, keepdims=True)
+        return self._action_for(seen, qdd / np.maximum(1.0, excess)), ()
+
+    def _centripetal(self, q: Array, qd: Array) -> Array:
+        """Acceleration of the hand at constant joint velocities, ``(lanes, 2)``, m/s^2."""
+        phi, w = np.cumsum(q, axis=1), np.cumsum(qd, axis=1)
+        pull = self.task.arm.length_array * w**2
+        return -np.stack([(pull * np.cos(phi)).sum(axis=1), (pull * np.sin(phi)).sum(axis=1)], axis=1)
+
+
+class RandomExpert(Expert):
+    """Uniformly random actions, from a generator of its own whose state travels with the episode.
+
+    Args:
+        task: the environment's task.
+        seed: of the generator.
+    """
+
+    def __init__(self, task: Task, seed: int = 0) -> None:
+        super().__init__(task)
+        self._seed = seed
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, int]:
+        calls = 0 if state is None else int(state)
+        generator = np.random.default_rng([self._seed, calls])
+        return generator.uniform(-1.0, 1.0, (len(observations), self.task.arm.n_joints)), calls + 1
+
+
+EXPERTS: dict[str, Callable[[Task], Expert]] = {
+    "dpct": lambda task: PlanningExpert(task, dpct.plan),
+    "follower": FollowerExpert,
+    "random": RandomExpert,
+}
+"""How each expert is made from a task."""
+
+
+def make_expert(name: str, env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]) -> Expert:
+    """A scripted expert for an environment.
+
+    Args:
+        name: one of `EXPERTS`.
+        env: the environment, single or vector, wrapped or not.
+
+    Raises:
+        ValueError: if there is no such expert, or the environment is not one of planarm's.
+    """
+    refuse_unknown([name], EXPERTS, "expert")
+    task = getattr(env.unwrapped, "task", None)
+    if not isinstance(task, Task):
+        raise ValueError(f"{env} is not one of planarm's environments; experts need one, such as ConveyorTrack-v0")
+    return EXPERTS[name](task)

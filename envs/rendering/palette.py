@@ -1,0 +1,34 @@
+"""The colours of every picture, as (red, green, blue)."""
+
+Color = tuple[int, ...]
+
+FLOOR = (243, 245, 248)
+WORKSPACE = (250, 251, 253)
+GRID = (229, 233, 239)
+PANEL = (255, 255, 255)
+BORDER = (220, 225, 232)
+TRACK = (234, 238, 243)
+
+INK = (38, 50, 71)
+MUTED = (128, 140, 158)
+
+ACCENT = (47, 128, 196)
+GOOD = (46, 168, 124)
+WAITING = (240, 160, 60)
+BAD = (219, 72, 78)
+
+LINK_BASE = (48, 62, 88)
+LINK_HAND = (66, 122, 166)
+JOINT = (250, 251, 253)
+HAND = (235, 87, 87)
+
+BELT = (86, 96, 112)
+BELT_STRIPE = (104, 115, 132)
+BELT_RAIL = (178, 187, 199)
+ROLLER = (140, 150, 165)
+ROLLER_SHINE = (203, 210, 220)
+
+
+def mix(first: Color, second: Color, share: float) -> Color:
+    """``first`` at share 0, ``second`` at share 1, and straight lines between."""
+    return tuple(round(a + share * (b - a)) for a, b in zip(first, second, strict=True))

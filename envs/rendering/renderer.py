@@ -1,0 +1,96 @@
+"""`Renderer`: scenes to pictures, off screen or in a window."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import ArrayLike, NDArray
+
+from envs.rendering import manipulator, workcell
+from envs.rendering.camera import Camera
+from envs.rendering.panel import Panel
+from envs.rendering.scene import Scene
+from planners.typing import Array
+
+if TYPE_CHECKING:
+    from envs.rendering.window import Window
+
+PANEL_SHARE = 0.29
+DESIGN_HEIGHT = 640.0
+
+
+class Renderer:
+    """Draws scenes; the same scene always gives the same pixels. No display is needed unless a window is asked for.
+
+    Args:
+        view: the part of the plane that must be visible, ``(xmin, xmax, ymin, ymax)``, m.
+        size: width and height of the picture, pixels.
+        window: also show every picture in a window, at the pace of ``fps``.
+        fps: pictures a second in the window.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: if pygame-ce is not installed.
+        ValueError: if the view is empty or the size too small.
+    """
+
+    def __init__(
+        self,
+        view: tuple[float, float, float, float],
+        *,
+        size: tuple[int, int] = (960, 640),
+        window: bool = False,
+        fps: int = 50,
+    ) -> None:
+        try:
+            from envs.rendering import canvas
+        except ImportError as error:
+            raise DependencyNotInstalled('rendering needs pygame-ce; run: pip install "planarm[viz]"') from error
+        if min(size) < 64:
+            raise ValueError(f"picture size {size} must be at least 64 by 64 pixels")
+        self._unit = size[1] / DESIGN_HEIGHT
+        panel_width = PANEL_SHARE * size[0]
+        self._camera = Camera(view, (size[0] - panel_width, size[1]))
+        self._canvas = canvas.Canvas(size)
+        self._pixels_of = canvas.pixels_of
+        self._panel = Panel(self._canvas, panel_width, self._unit)
+        self._window = self._open_window(size, fps) if window else None
+
+    def draw(self, scene: Scene) -> NDArray[np.uint8]:
+        """The picture of a scene, ``(height, width, 3)``; with a window also shown there until the next is due."""
+        canvas, camera, unit = self._canvas, self._camera, self._unit
+        joints = np.asarray(scene.joints, dtype=float)
+        workcell.draw_floor(canvas, camera, joints, unit)
+        if scene.belt is not None:
+            workcell.draw_belt(canvas, camera, scene.belt)
+        workcell.draw_obstacles(canvas, camera, scene.obstacles, unit)
+        if scene.target is not None:
+            workcell.draw_target(canvas, camera, scene.target, unit)
+        if scene.trail is not None:
+            workcell.draw_trail(canvas, camera, np.asarray(scene.trail, dtype=float), unit)
+        if scene.part is not None:
+            workcell.draw_part(canvas, camera, scene.part, unit, settled=scene.settled)
+        manipulator.draw_arm(canvas, camera, joints, scene.torque_ratios, closed=scene.settled)
+        self._panel.draw_backdrop()
+        self._panel.draw(scene)
+        picture = canvas.finish()
+        if self._window is not None:
+            self._window.show(picture, scene.title)
+        return self._pixels_of(picture)
+
+    def pixels(self, points: ArrayLike) -> Array:
+        """Where points ``(..., 2)``, m, are in the picture: pixels to the right and down."""
+        return self._camera.pixels(points)
+
+    def close(self) -> None:
+        """Take the window away, if there is one; may be called again."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    @staticmethod
+    def _open_window(size: tuple[int, int], fps: int) -> Window:
+        from envs.rendering.window import Window
+
+        return Window(size, fps)
