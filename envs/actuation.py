@@ -21,7 +21,7 @@ _TORQUE_SWEEPS = 20
 
 
 def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of a lane's record: what was commanded and done in the last control period, and the worst ratios so far."""
+    """Fields of a lane's record: what was commanded and done in the last period, and the worst ratios so far."""
     return [
         ("tau", "f8", (n_joints,)),
         ("qdd", "f8", (n_joints,)),
@@ -53,7 +53,9 @@ def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_
     model["limits"] = [getattr(arm.limits, kind) for kind in LIMIT_KINDS]
     scale = action_scale(arm, control_mode)
     if not np.isfinite(scale).all():
-        raise ValueError(f'control_mode "{control_mode}" scales actions by the {control_mode} limits, but {arm.name} has {scale}')
+        raise ValueError(
+            f'control_mode "{control_mode}" scales actions by the {control_mode} limits, but {arm.name} has {scale}'
+        )
 
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
@@ -150,7 +152,7 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
     spare = 2.0 * jerk_limit * (speed_left - 0.125 * jerk_limit * period * period)
     if spare <= -half_step * half_step:
         return -np.inf
-    return np.sqrt(spare + half_step * half_step) - half_step
+    return float(np.sqrt(spare + half_step * half_step) - half_step)
 
 
 @njit(cache=True, nogil=True)

@@ -44,7 +44,6 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.task.config.control_period)}
         self._needs_reset = True
         self._camera = _Camera(self.task, render_mode)
         # Views of the one lane, so that a step touches no more Python than it must.
@@ -80,7 +79,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
                 self.render()
         return self._observation.copy(), float(lane["reward"]), terminated, truncated, info
 
-    def render(self) -> Frame | None:  # type: ignore[override]
+    def render(self) -> Frame | None:
         """The current frame, ``(height, width, 3)``, or None in ``"human"`` mode, where it goes to a window."""
         if self.render_mode is None:
             gym.logger.warn('render() needs a render mode: gym.make(..., render_mode="rgb_array")')
@@ -247,7 +246,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
     def _final(self, ended: NDArray[np.bool_]) -> Info:
         """Last observations and infos of the lanes that ended, in Gymnasium's vector form."""
         final: Info = {}
-        for lane in np.flatnonzero(ended):
+        for lane in np.flatnonzero(ended).tolist():
             step = {"is_success": bool(self.task.lanes["success"][lane]), "reward_terms": self._terms_of(lane)}
             final = self._add_info(final, {**step, **self.task.episode_info(lane)}, lane)
         observations = np.where(ended[:, None], self._observations(), np.float32(0.0))

@@ -52,26 +52,28 @@ def _register(name: str) -> str:
 
 def _bind(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     """The C function `name`, which takes and returns numbers, callable from compiled code."""
-    return types.ExternalFunction(_register(name), result(*arguments))  # type: ignore[no-any-return]
+    return types.ExternalFunction(_register(name), result(*arguments))
 
 
 def _bind_vector_getter(name: str) -> Callable[..., tuple[float, float]]:
     """The C function `name`, which takes a pointer and returns a vector, callable from compiled code."""
     symbol = _register(name)
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def getter(typing_context: Any, pointer: Any) -> Any:
         def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             real = ir.DoubleType()
             prototype = ir.FunctionType(ir.LiteralStructType([real, real]), [ir.IntType(64)])
-            function = cgutils.get_or_insert_function(builder.module, prototype, symbol)
+            function = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]
+                builder.module, prototype, symbol
+            )
             vector = builder.call(function, arguments)
             components = [builder.extract_value(vector, 0), builder.extract_value(vector, 1)]
             return context.make_tuple(builder, signature.return_type, components)
 
-        return types.UniTuple(_real, 2)(_pointer), call
+        return types.UniTuple(_real, 2)(_pointer), call  # type: ignore[no-untyped-call]
 
-    return getter  # type: ignore[no-any-return]
+    return getter
 
 
 space_step = _bind("cpSpaceStep", _nothing, _pointer, _real)

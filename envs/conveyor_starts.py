@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -53,7 +54,7 @@ PAPER_START = Start(belt_speed=0.2, offset=0.1, line_height=1.732, hand_x=-0.8, 
 
 
 class Demands(NamedTuple):
-    """What a start must allow: settled ``hold_time`` before ``horizon`` (s), on this belt (m/s^2), with this load (kg)."""
+    """What a start must allow, in what environment: settled ``hold_time`` before ``horizon``; SI units."""
 
     horizon: float
     hold_time: float
@@ -100,12 +101,12 @@ def why_unsolvable(start: Start, demands: Demands) -> str | None:
     if plan.rendezvous_time > latest:
         return (
             f"late: the part can be met after {plan.rendezvous_time:.3f} s at the earliest, but the episode of "
-            f"{demands.horizon:g} s wants it settled from {latest:g} s on; raise horizon, or give the hand another offset"
+            f"{demands.horizon:g} s wants it settled from {latest:g} s on; raise horizon, or choose another offset"
         )
     if plan.rides_until < demands.horizon:
         return (
-            f"late: the limits let the hand ride with the part for {plan.rides_until:.3f} s only, but the episode lasts "
-            f"{demands.horizon:g} s; lower horizon or belt_speed, or move hand_x against the belt"
+            f"late: the limits let the hand ride with the part until {plan.rides_until:.3f} s only, but the episode "
+            f"lasts {demands.horizon:g} s; lower horizon or belt_speed, or move hand_x against the belt"
         )
     return None
 
@@ -117,9 +118,7 @@ def require_solvable(start: Start, demands: Demands) -> None:
         raise ValueError(f"no motion within the joint limits solves {start._asdict()}: {reason}")
 
 
-def draw_starts(
-    generators: Sequence[np.random.Generator], given: Mapping[str, float], demands: Demands
-) -> list[Start]:
+def draw_starts(generators: Sequence[np.random.Generator], given: Mapping[str, float], demands: Demands) -> list[Start]:
     """One solvable start a generator.
 
     Args:
@@ -150,8 +149,8 @@ def _draw(generator: np.random.Generator, demands: Demands) -> Start:
     cells = _feasible_cells(demands.horizon, demands.hold_time)
     if len(cells) == 0:
         raise ValueError(
-            f"no start is known that settles within horizon {demands.horizon:g} s minus hold_time {demands.hold_time:g} s; "
-            "the defaults are 3 s and 0.5 s"
+            f"no start is known that settles within horizon {demands.horizon:g} s minus hold_time "
+            f"{demands.hold_time:g} s; the defaults are 3 s and 0.5 s"
         )
     which, *within = generator.random(1 + len(AXES)).tolist()
     *corner, elbow = cells[int(which * len(cells))].tolist()
@@ -159,7 +158,7 @@ def _draw(generator: np.random.Generator, demands: Demands) -> Start:
         nodes[index] + share * (nodes[index + 1] - nodes[index])
         for nodes, index, share in zip(_AXIS_LISTS, corner, within, strict=True)
     ]
-    return Start(*values, ELBOWS[elbow])
+    return Start._make([*values, ELBOWS[elbow]])
 
 
 _AXIS_LISTS: list[list[float]] = [nodes.tolist() for nodes in AXES.values()]
@@ -167,7 +166,7 @@ _AXIS_LISTS: list[list[float]] = [nodes.tolist() for nodes in AXES.values()]
 
 @lru_cache(maxsize=16)
 def _feasible_cells(horizon: float, hold_time: float) -> NDArray[np.int64]:
-    """Lowest corners and elbow, ``(cells, 5)``, of the cells whose corners are all met in time and ridden to the end."""
+    """Lowest corners and elbow, ``(cells, 5)``, of cells whose corners are all met in time and ridden to the end."""
     with resources.as_file(resources.files("envs") / "data" / TABLE) as path, np.load(path) as table:
         solved = (table["rendezvous_time"] <= horizon - hold_time) & (table["rides_until"] >= horizon)
     cells = np.ones([size - 1 for size in solved.shape[:-1]] + [solved.shape[-1]], dtype=bool)
@@ -190,9 +189,9 @@ def build_table(path: Path, horizon: float = 6.0, checks: int = 2000) -> None:
     rendezvous, rides = np.full(shape, np.inf), np.zeros(shape)
     for index in track(list(np.ndindex(shape)), "solving the grid"):
         values = [nodes[i] for nodes, i in zip(AXES.values(), index[:-1], strict=True)]
-        problem = problem_of(Start(*values, ELBOWS[index[-1]]), Demands(horizon, 0.0))
+        problem = problem_of(Start._make([*values, ELBOWS[index[-1]]]), Demands(horizon, 0.0))
         try:
-            plan = dpct.plan(problem, limit_scale=MARGIN)
+            plan = dpct.plan(replace(problem, limits=problem.joint_limits.scaled(MARGIN)))
         except (Infeasible, UnreachableTarget):
             continue
         rendezvous[index], rides[index] = plan.rendezvous_time, min(plan.rides_until, horizon)

@@ -7,27 +7,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
-from envs import chipmunk
-from envs.actuation import apply_action
 from envs.arm_env import PlanarArmEnv, PlanarArmVectorEnv
+from envs.conveyor_kernels import LANE_FIELDS, MODEL_FIELDS, advance_lanes, reset_lane
 from envs.conveyor_starts import PAPER_START, Demands, Start, draw_starts, require_solvable
 from envs.observation import Entry, Layout, Observation
 from envs.rendering import Belt, Scene
 from envs.settings import Settings
 from envs.task import Options, Task, TaskSettings
-from envs.world import place_arm
 from planners import SCARA_1M, MotionProblem, MovingHand
-from planners.kinematics import hand_state_lane, two_link_branch
 from planners.typing import Array
-
-LINE_LENGTH = 0.5
-"""Length of the paper's path, X_h(t_f) - X_h(t_0), m: the unit of its position r in the index J of eq 18."""
-
-MAX_ERROR = 1000.0
-"""Tracking error, in tolerances, from which on the progress term sees no difference: 1 m, 2 m/s by default."""
 
 
 class ConveyorTrackConfig(TaskSettings):
@@ -39,7 +29,7 @@ class ConveyorTrackConfig(TaskSettings):
         velocity_tolerance: largest relative velocity that counts as settled, m/s.
         hold_time: how long at the end of the episode the hand must be settled for a success, s.
         limit_tolerance: share by which a limit may be exceeded before it counts as broken.
-        limit_penalty: cost of one control period in which a limit is broken by little; by 100 % or more it is twice that.
+        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
     """
 
     horizon: float = Field(3.0, gt=0.0, le=60.0)
@@ -104,34 +94,16 @@ class ConveyorTrack(Task):
             config,
             SCARA_1M,
             n_lanes,
-            extra_lane=[
-                ("part", "i8"),
-                ("part_position", "f8", (2,)),
-                ("part_velocity", "f8", (2,)),
-                ("part_acceleration", "f8", (2,)),
-                ("hand", "f8", (2,)),
-                ("hand_velocity", "f8", (2,)),
-                ("belt_start", "f8", (2,)),
-                ("settled_steps", "i8"),
-                ("error", "f8"),
-                ("velocity_error", "f8"),
-                ("steady_state_error", "f8"),
-                ("lq_cost", "f8"),
-                ("peak_torque", "f8"),
-            ],
-            extra_model=[
-                ("position_tolerance", "f8"),
-                ("velocity_tolerance", "f8"),
-                ("limit_tolerance", "f8"),
-                ("limit_penalty", "f8"),
-                ("hold_steps", "i8"),
-            ],
+            extra_lane=LANE_FIELDS,
+            extra_model=MODEL_FIELDS,
         )
         for name in ("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty"):
             self.model[name] = getattr(config, name)
         self.model["hold_steps"] = self._whole_periods("hold_time", config.hold_time)
         if config.hold_time > config.horizon:
-            raise ValueError(f"hold_time {config.hold_time} s is longer than the horizon {config.horizon} s; shorten it")
+            raise ValueError(
+                f"hold_time {config.hold_time} s is longer than the horizon {config.horizon} s; shorten it"
+            )
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
 
     @classmethod
@@ -153,11 +125,11 @@ class ConveyorTrack(Task):
             record["part_position"] = start.hand_x - start.offset, start.line_height
             record["part_velocity"] = start.belt_speed, 0.0
             record["part_acceleration"] = self.config.belt_acceleration, 0.0
-            _reset_lane(self.lanes, self.model, lane, start.elbow)
+            reset_lane(self.lanes, self.model, lane, start.elbow)
 
     def advance_slice(self, first: int, last: int) -> None:
         """Advance lanes ``first`` to ``last - 1`` by one control period."""
-        _advance_lanes(self.lanes, self.model, first, last)
+        advance_lanes(self.lanes, self.model, first, last)
 
     def episode_info(self, lane: int) -> dict[str, Any]:
         """Settling time, errors, J of eq 18, peak torque and limit ratios of a lane's episode."""
@@ -212,7 +184,11 @@ class ConveyorTrack(Task):
             trail=np.array(trail),
             status=(
                 ("position error", f"{1e3 * error:.2f} mm", error <= self.config.position_tolerance),
-                ("velocity error", f"{1e3 * velocity_error:.2f} mm/s", velocity_error <= self.config.velocity_tolerance),
+                (
+                    "velocity error",
+                    f"{1e3 * velocity_error:.2f} mm/s",
+                    velocity_error <= self.config.velocity_tolerance,
+                ),
                 ("settled", f"{int(record['settled_steps']) * period:.2f} s", settled),
             ),
             limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration", "jerk")),
@@ -231,130 +207,7 @@ class ConveyorTrack(Task):
         return draw_starts(generators, given, self._demands)
 
 
-@njit(cache=True, nogil=True)
-def _reset_lane(lanes: Any, model: Any, index: int, elbow: float) -> None:
-    """Begin an episode in one lane whose hand and part are already set: posture, bodies, counters, observation."""
-    lane, shared = lanes[index], model[0]
-    dx, dy = lane.hand[0] - shared.base[0], lane.hand[1] - shared.base[1]
-    lane.q[0], lane.q[1] = two_link_branch(shared.lengths[0], shared.lengths[1], dx, dy, elbow)
-    lane.qd[:] = 0.0
-    lane.qdd[:] = 0.0
-    lane.tau[:] = 0.0
-    lane.commanded_qdd[:] = 0.0
-    lane.limit_ratios[:] = 0.0
-    lane.reward_terms[:] = 0.0
-    lane.reward = 0.0
-    lane.terminated = lane.truncated = lane.success = False
-    lane.step = lane.settled_steps = 0
-    lane.steady_state_error = lane.lq_cost = lane.peak_torque = 0.0
-    lane.belt_start[:] = lane.part_position
-    place_arm(lane, shared)
-    chipmunk.body_set_position(lane.part, lane.part_position[0], lane.part_position[1])
-    hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
-    _measure_errors(lane)
-    _observe(lane, shared)
-
-
-@njit(cache=True, nogil=True)
-def _advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
-    shared = model[0]
-    for index in range(first, last):
-        lane = lanes[index]
-        progress_before = _progress(lane, shared)
-        settled_before = lane.settled_steps
-        cost_rate_before = _lq_cost_rate(lane)
-        _set_belt_moving(lane, shared)
-        worst_ratio = apply_action(lane, shared, lane.action)
-        _read_part(lane, shared)
-        hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
-        _measure_errors(lane)
-        lane.step += 1
-        lane.lq_cost += 0.5 * shared.control_period * (cost_rate_before + _lq_cost_rate(lane))
-        for torque in lane.tau:
-            lane.peak_torque = max(lane.peak_torque, abs(torque))
-        lane.settled_steps = lane.settled_steps + 1 if _error_in_tolerances(lane, shared) <= 1.0 else 0
-        if lane.step > shared.horizon_steps - shared.hold_steps:
-            lane.steady_state_error = max(lane.steady_state_error, lane.error)
-        lane.success = lane.settled_steps >= shared.hold_steps
-        lane.truncated = lane.step >= shared.horizon_steps
-        lane.reward_terms[0] = _progress(lane, shared) - progress_before
-        lane.reward_terms[1] = (lane.settled_steps - settled_before) / shared.horizon_steps
-        lane.reward_terms[2] = -shared.limit_penalty * _excess(worst_ratio, shared.limit_tolerance)
-        lane.reward = lane.reward_terms[0] + lane.reward_terms[1] + lane.reward_terms[2]
-        _observe(lane, shared)
-
-
-@njit(cache=True, nogil=True)
-def _set_belt_moving(lane: Any, shared: Any) -> None:
-    """Give the part the belt's velocity in the middle of the period: exact for a constant acceleration."""
-    half = 0.5 * shared.control_period
-    chipmunk.body_set_velocity(
-        lane.part,
-        lane.part_velocity[0] + half * lane.part_acceleration[0],
-        lane.part_velocity[1] + half * lane.part_acceleration[1],
-    )
-
-
-@njit(cache=True, nogil=True)
-def _read_part(lane: Any, shared: Any) -> None:
-    lane.part_position[0], lane.part_position[1] = chipmunk.body_get_position(lane.part)
-    for axis in range(2):
-        lane.part_velocity[axis] += shared.control_period * lane.part_acceleration[axis]
-
-
-@njit(cache=True, nogil=True)
-def _measure_errors(lane: Any) -> None:
-    dx, dy = lane.part_position[0] - lane.hand[0], lane.part_position[1] - lane.hand[1]
-    dvx, dvy = lane.part_velocity[0] - lane.hand_velocity[0], lane.part_velocity[1] - lane.hand_velocity[1]
-    lane.error = math.sqrt(dx * dx + dy * dy)
-    lane.velocity_error = math.sqrt(dvx * dvx + dvy * dvy)
-
-
-@njit(cache=True, nogil=True)
-def _error_in_tolerances(lane: Any, shared: Any) -> float:
-    """The larger of position and velocity error, each in units of its tolerance: settled means at most 1."""
-    return max(lane.error / shared.position_tolerance, lane.velocity_error / shared.velocity_tolerance)
-
-
-@njit(cache=True, nogil=True)
-def _progress(lane: Any, shared: Any) -> float:
-    """0 where settled, -1 where the error is `MAX_ERROR` tolerances or more, and linear in its logarithm between."""
-    error = min(MAX_ERROR, max(1.0, _error_in_tolerances(lane, shared)))
-    return -math.log(error) / math.log(MAX_ERROR)
-
-
-@njit(cache=True, nogil=True)
-def _excess(ratio: float, tolerance: float) -> float:
-    """0 where the limits are kept, 1 to 2 where one is broken."""
-    return 0.0 if ratio <= 1.0 + tolerance else 1.0 + min(1.0, ratio - 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _lq_cost_rate(lane: Any) -> float:
-    """Integrand of eq 18, with lengths in units of the paper's path."""
-    return (lane.error * lane.error + lane.velocity_error * lane.velocity_error) / (LINE_LENGTH * LINE_LENGTH)
-
-
-@njit(cache=True, nogil=True)
-def _observe(lane: Any, shared: Any) -> None:
-    """Write the observation: the entries of `LAYOUT`, in its order."""
-    out = lane.observation
-    for axis in range(2):
-        out[axis] = lane.q[axis] / shared.scales[axis]
-        out[2 + axis] = lane.qd[axis] / shared.scales[2 + axis]
-        out[4 + axis] = lane.qdd[axis] / shared.scales[4 + axis]
-        out[6 + axis] = (lane.hand[axis] - shared.base[axis]) / shared.scales[6 + axis]
-        out[8 + axis] = (lane.part_position[axis] - shared.base[axis]) / shared.scales[8 + axis]
-        out[10 + axis] = (lane.part_position[axis] - lane.hand[axis]) / shared.scales[10 + axis]
-        out[12 + axis] = lane.part_velocity[axis] / shared.scales[12 + axis]
-        out[14 + axis] = lane.part_acceleration[axis] / shared.scales[14 + axis]
-    out[16] = (shared.horizon_steps - lane.step) * shared.control_period / shared.scales[16]
-    out[17] = lane.settled_steps / shared.horizon_steps
-    for element in range(out.shape[0]):
-        out[element] = min(shared.bounds[element], max(-shared.bounds[element], out[element]))
-
-
-class ConveyorTrackEnv(PlanarArmEnv):
+class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     __doc__ = f"""Bring the hand of a two-link SCARA arm onto a part that rides on a conveyor belt, and ride with it.
 
     From T. H. Park, B. H. Lee and M. S. Ko, "Motion planning of a robot manipulator for conveyor tracking".

@@ -68,12 +68,14 @@ class Expert(ABC):
         batch = np.atleast_2d(observation)
         starts = np.ones(len(batch), dtype=bool)
         if state is not None:
-            starts = np.zeros_like(starts) if episode_start is None else np.asarray(episode_start, dtype=bool).reshape(-1)
+            starts = (
+                np.zeros_like(starts) if episode_start is None else np.asarray(episode_start, dtype=bool).reshape(-1)
+            )
         if len(starts) != len(batch):
             raise ValueError(f"episode_start has {len(starts)} entries for {len(batch)} observations; give one each")
         actions, state = self._act(batch, state, starts)
-        actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
-        return (actions[0] if np.ndim(observation) == 1 else actions), state
+        clipped: Actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
+        return (clipped[0] if np.ndim(observation) == 1 else clipped), state
 
     @abstractmethod
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
@@ -182,7 +184,8 @@ class PlanningExpert(Expert):
         gentle = np.where(np.isfinite(jerk), np.minimum(gentle, np.sqrt(2.0 * jerk * np.abs(speed))), gentle)
         wanted = -np.sign(speed) * gentle
         before = seen["joint_acceleration"]
-        return np.clip(wanted, before - jerk * period, before + jerk * period)
+        braking: Array = np.clip(wanted, before - jerk * period, before + jerk * period)
+        return braking
 
 
 class FollowerExpert(Expert):

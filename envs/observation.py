@@ -76,7 +76,9 @@ class Layout:
         """
         values = np.asarray(observation, dtype=np.float64)
         if values.shape[-1:] != (self.size,):
-            raise ValueError(f"observation of shape {values.shape}; this layout has {self.size} elements in its last axis")
+            raise ValueError(
+                f"observation of shape {values.shape}; this layout has {self.size} elements in its last axis"
+            )
         physical = values * self.scales
         return {entry.name: physical[..., place] for entry, place in self.slices()}
 

@@ -122,7 +122,7 @@ class Task(ABC):
 
     @abstractmethod
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Where the hand should be: position, velocity and acceleration, each ``(lanes, 2)``, of parsed observations."""
+        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(lanes, 2)``."""
 
     @abstractmethod
     def scene(self, lane: int, trail: Sequence[Any]) -> Scene:

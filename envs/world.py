@@ -117,7 +117,7 @@ def substeps_per_period(control_period: float, physics_step: float) -> int:
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
         raise ValueError(
             f"control_period {control_period} s is no multiple of physics_step {physics_step} s; "
-            f"choose a physics step of control_period / k with a whole k, such as {control_period / max(1, round(ratio)):.6g} s"
+            f"choose control_period / k with a whole k, such as {control_period / max(1, round(ratio)):.6g} s"
         )
     return round(ratio)
 
@@ -151,7 +151,9 @@ def place_arm(lane: Any, model: Any) -> None:
         chipmunk.space_remove_constraint(lane.space, joint)
         owner = chipmunk.constraint_get_user_data(joint)
         if i == 0:
-            chipmunk.pivot_joint_init(joint, lane.ground, lane.links[0], model.base[0], model.base[1], -model.coms[0], 0.0)
+            chipmunk.pivot_joint_init(
+                joint, lane.ground, lane.links[0], model.base[0], model.base[1], -model.coms[0], 0.0
+            )
         else:
             outer_end = model.lengths[i - 1] - model.coms[i - 1]
             chipmunk.pivot_joint_init(joint, lane.links[i - 1], lane.links[i], outer_end, 0.0, -model.coms[i], 0.0)

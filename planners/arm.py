@@ -87,7 +87,10 @@ class Arm:
     def __post_init__(self) -> None:
         n = len(self.lengths)
         rods = zip(self.masses, self.lengths, strict=False)
-        defaults = {
+        defaults: dict[str, tuple[float, ...]] = {
+            "lengths": (),
+            "masses": (),
+            "base": (),
             "coms": tuple(length / 2.0 for length in self.lengths),
             "inertias": tuple(mass * length**2 / 12.0 for mass, length in rods),
         }
@@ -102,10 +105,16 @@ class Arm:
             lowest = 0.0 if name in ("coms", "inertias") else math.ulp(0.0)
             if not all(math.isfinite(value) and value >= lowest for value in values):
                 raise ValueError(f"{self.name}: {name} {values} must be finite and positive")
+        # about its own joint every link must resist turning, or the mass matrix is singular in some posture
+        for link, (com, inertia) in enumerate(zip(self.coms, self.inertias, strict=True)):
+            if com == inertia == 0.0:
+                raise ValueError(f"{self.name}: link {link} has com 0 and inertia 0; one of them must be positive")
         if len(self.limits.torque) != n:
             raise ValueError(f"{self.name}: limits are given for {len(self.limits.torque)} joints, the arm has {n}")
         if not math.isfinite(self.gravity):
             raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
+        if len(self.base) != 2 or not all(math.isfinite(value) for value in self.base):
+            raise ValueError(f"{self.name}: base {self.base} must be two finite numbers")
 
     @property
     def n_joints(self) -> int:
@@ -202,7 +211,9 @@ class Arm:
             angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(lanes))
             q = kinematics.three_link_inverse(self.length_array, self.base_array, lanes, angles)
         else:
-            raise ValueError(f"closed-form inverse kinematics covers two and three links; {self.name} has {self.n_joints}")
+            raise ValueError(
+                f"closed-form inverse kinematics covers two and three links; {self.name} has {self.n_joints}"
+            )
         return q[0] if target.ndim == 1 else q
 
     def mass_matrix(self, q: ArrayLike) -> Array:
@@ -230,9 +241,7 @@ class Arm:
     def energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Kinetic plus potential energy (zero at the height of the base), a number or ``(lanes,)``, J."""
         (angles, speeds), single = self._lanes(q, qd)
-        coupling, weight = self.chain_constants
-        kinetic = 0.5 * np.einsum("li,lij,lj->l", speeds, dynamics.mass_matrix(coupling, angles), speeds)
-        total = kinetic + np.sin(np.cumsum(angles, axis=1)) @ weight
+        total = dynamics.energy(*self.chain_constants, angles, speeds)
         return total[0] if single else total
 
     def _lanes(self, *arrays: ArrayLike) -> tuple[list[Array], bool]:
@@ -241,7 +250,9 @@ class Arm:
         shape = given[0].shape
         if len(shape) not in (1, 2) or any(array.shape != shape for array in given) or shape[-1] != self.n_joints:
             shapes = ", ".join(str(array.shape) for array in given)
-            raise ValueError(f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (lanes, {self.n_joints}) for all")
+            raise ValueError(
+                f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (lanes, {self.n_joints}) for all"
+            )
         return [np.ascontiguousarray(np.atleast_2d(array)) for array in given], len(shape) == 1
 
 
@@ -251,7 +262,7 @@ SCARA_1M = Arm(
     masses=(1.0, 1.0),
     limits=JointLimits(torque=(0.5, 0.2), velocity=(0.2, 0.2), acceleration=(0.3, 0.3), jerk=(2.3, 2.0)),
 )
-"""Two uniform rods of 1 m and 1 kg in the horizontal plane, with the limits of the conveyor-tracking paper (eq 36, 37)."""
+"""Two uniform rods of 1 m and 1 kg in the horizontal plane, limits of the conveyor-tracking paper (eq 36, 37)."""
 
 PLANAR_3R = Arm(
     name="PLANAR_3R",

@@ -55,8 +55,8 @@ def tracking_acceleration(
 ) -> Array:
     """Mean joint acceleration over the next control period that follows a sampled reference.
 
-    The feed-forward is the mean acceleration of the reference over the period, (qd(t + T) - qd(t)) / T, so that a torque
-    held for the whole period reproduces the reference's velocity at the next sample, not only at this one.
+    The feed-forward is the mean acceleration of the reference over the period, (qd(t + T) - qd(t)) / T, so that a
+    torque held for the whole period reproduces the reference's velocity at the next sample, not only at this one.
 
     Args:
         q, qd: measured joint angles and velocities, ``(lanes, n)``.
@@ -94,8 +94,6 @@ def held_torque_lane(
 
 
 @njit(cache=True, nogil=True)
-def _held_torque(
-    coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array
-) -> None:
+def _held_torque(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array) -> None:
     for lane in range(q.shape[0]):
         held_torque_lane(coupling, weight, q[lane], qd[lane], qdd[lane], period, tau[lane])

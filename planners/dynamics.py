@@ -62,7 +62,7 @@ def mass_matrix_lane(coupling: Array, q: Array, m: Array) -> None:
     n = q.shape[0]
     phi = np.cumsum(q)
     for i in range(n - 1, -1, -1):
-        for j in range(n - 1, -1, -1):
+        for j in range(n - 1, i - 1, -1):
             total = coupling[i, j] * np.cos(phi[i] - phi[j])
             if i + 1 < n:
                 total += m[i + 1, j]
@@ -70,7 +70,7 @@ def mass_matrix_lane(coupling: Array, q: Array, m: Array) -> None:
                 total += m[i, j + 1]
             if i + 1 < n and j + 1 < n:
                 total -= m[i + 1, j + 1]
-            m[i, j] = total
+            m[i, j] = m[j, i] = total
 
 
 @njit(cache=True, nogil=True)
@@ -125,3 +125,17 @@ def forward_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, tau: A
         qdd[lane] = tau[lane] - bias
         solve_mass_matrix(m, qdd[lane])
     return qdd
+
+
+@njit(cache=True, nogil=True)
+def energy(coupling: Array, weight: Array, q: Array, qd: Array) -> Array:
+    """Kinetic plus potential energy ``(lanes,)``, J, for ``q, qd`` of ``(lanes, n)``; potential zero at base height."""
+    lanes, n = q.shape
+    total = np.zeros(lanes)
+    for lane in range(lanes):
+        phi, w = np.cumsum(q[lane]), np.cumsum(qd[lane])
+        for i in range(n):
+            total[lane] += weight[i] * np.sin(phi[i])
+            for j in range(n):
+                total[lane] += 0.5 * coupling[i, j] * np.cos(phi[i] - phi[j]) * w[i] * w[j]
+    return total

@@ -80,13 +80,14 @@ def hand_state_lane(lengths: Array, base: Array, q: Array, qd: Array, hand: Arra
 def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) -> tuple[float, float]:
     """The posture of a two-link arm that puts the hand at ``(dx, dy)`` m from the base; NaN where none does.
 
-    ``cos q2 = (d^2 - l1^2 - l2^2) / (2 l1 l2)`` and ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``;
-    ``q2`` takes the sign of ``elbow``.
+    ``tan^2(q2 / 2) = ((l1 + l2)^2 - d^2) / (d^2 - (l1 - l2)^2)``, the law of cosines in the form that stays exact close
+    to a folded elbow; ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``; ``q2`` has the sign of ``elbow``.
     """
-    cos_elbow = (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
-    if not abs(cos_elbow) <= 1.0 + 1e-12:  # a target on the rim must not fail by a rounding error
+    square = dx * dx + dy * dy
+    from_outer_rim, from_inner_rim = (l1 + l2) ** 2 - square, square - (l1 - l2) ** 2
+    if not min(from_outer_rim, from_inner_rim) >= -2e-12 * l1 * l2:  # a target on the rim must not fail by rounding
         return np.nan, np.nan
-    q2 = np.copysign(np.arccos(min(1.0, max(-1.0, cos_elbow))), elbow)
+    q2 = np.copysign(2.0 * np.arctan2(np.sqrt(max(from_outer_rim, 0.0)), np.sqrt(max(from_inner_rim, 0.0))), elbow)
     q1 = np.arctan2(dy, dx) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
     return (q1 + np.pi) % (2.0 * np.pi) - np.pi, q2
 
@@ -122,7 +123,7 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
         x, y = hand[lanes[0]]
         distance = np.hypot(*(hand[lanes[0]] - base))
         raise UnreachableTarget(
-            f"hand position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; links of {lengths[0]:.4g} m and "
+            f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; links of {lengths[0]:.4g} m and "
             f"{lengths[1]:.4g} m reach from {abs(lengths[0] - lengths[1]):.4g} m to {lengths.sum():.4g} m"
             + (f" (and {len(lanes) - 1} more targets)" if len(lanes) > 1 else ""),
             lanes,

@@ -95,6 +95,8 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         _freeze(self, position=2, velocity=2)
+        if not (math.isfinite(self.radius) and self.radius >= 0.0):
+            raise ValueError(f"obstacle radius {self.radius} m must be finite and not negative")
 
 
 @dataclass(frozen=True)
@@ -133,13 +135,18 @@ class MotionProblem:
             object.__setattr__(self, "limits", self.arm.limits)
         if not (math.isfinite(self.horizon) and self.horizon > 0.0):
             raise ValueError(f"horizon {self.horizon} s must be finite and positive")
+        if not (math.isfinite(self.payload) and self.payload >= 0.0):
+            raise ValueError(f"payload mass {self.payload} kg must be finite and not negative")
+        if len(self.joint_limits.torque) != n:
+            raise ValueError(f"limits are given for {len(self.joint_limits.torque)} joints, the arm has {n}")
         if isinstance(self.target, FixedJoints) and len(self.target.q) != n:
             raise ValueError(f"target has {len(self.target.q)} joint angles, the arm {n} joints")
 
     @property
     def start(self) -> tuple[Array, Array, Array]:
         """Joint angles, velocities and accelerations at time 0, each ``(n,)``."""
-        assert self.qd is not None and self.qdd is not None  # filled in by __post_init__
+        assert self.qd is not None  # filled in by __post_init__
+        assert self.qdd is not None
         return self.q, self.qd, self.qdd
 
     @property

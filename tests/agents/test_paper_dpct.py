@@ -1,0 +1,107 @@
+"""The command that regenerates the conveyor-tracking paper's results."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.paper_dpct import (
+    CASES,
+    GRIDS,
+    HEADWAYS,
+    PaperDpctOptions,
+    figure,
+    paper_problem,
+    plan_rows,
+    run,
+    tracking_cost,
+)
+from planners.dpct.paper import MASS_SLIPS, plan_paper
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
+    run(PaperDpctOptions(json=path))
+    assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+def test_every_case_reading_and_grid_is_there(document: dict[str, Any]) -> None:
+    plans = document["plans"]
+    for planner in ("literal", "exact step"):
+        found = {(plan["case"], *plan["grid"]) for plan in plans if plan["planner"] == planner}
+        assert found == {(case, *grid) for case in CASES for grid in GRIDS}
+    for reading in MASS_SLIPS:
+        assert [plan["case"] for plan in plans if plan["planner"] == reading.name] == [1, 2, 3]
+    for planner in ("optimal", "optimal, a(t0) free"):
+        assert [plan["case"] for plan in plans if plan["planner"] == planner] == [2, 3]
+    clocks = [(row["headway"], row["case"]) for row in document["start_clocks"]]
+    assert clocks == [(headway, case) for headway in HEADWAYS for case in CASES]
+
+
+def test_published_numbers_stand_beside_regenerated_ones(document: dict[str, Any]) -> None:
+    plans = [plan for plan in document["plans"] if plan["planner"] == "literal" and plan["grid"] == [50, 100]]
+    assert [plan["published_rendezvous_time"] for plan in plans] == [0.65, 0.8, 1.1]
+    assert [plan["rendezvous_time"] for plan in plans] == pytest.approx([0.65, 0.85, 1.1], abs=1e-12)
+    assert [plan["published_peak_torque"] for plan in plans] == [[-1.342, -0.406], [-0.499, -0.14], None]
+    coarse = [plan for plan in document["plans"] if plan["planner"] == "literal" and plan["grid"] == [30, 50]]
+    assert all(plan["published_rendezvous_time"] is None for plan in coarse)
+
+
+def test_optimal_plans_keep_their_limits_and_no_plan_beats_the_least_cost(document: dict[str, Any]) -> None:
+    for plan in document["plans"]:
+        if plan["planner"].startswith("optimal"):
+            assert max(plan["limit_ratios"].values()) <= 1.0
+            assert plan["lag"] == 0.0
+        if max(plan["limit_ratios"].values()) <= 1.0 and plan["lag"] == 0.0:
+            assert plan["cost_ratio"] >= 0.999
+
+
+def test_tables_are_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    run(PaperDpctOptions())
+    printed = capsys.readouterr().out
+    assert MASS_SLIPS[0].name in printed
+    assert "-1.342 -0.406" in printed
+    assert "When the hand should go" in printed
+
+
+def test_tracking_cost_agrees_with_the_planners_own() -> None:
+    motion = plan_paper(paper_problem(2))
+    assert tracking_cost(motion) == pytest.approx(motion.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
+def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.paper_dpct.plan_rows", lambda: iter(()))
+    path = tmp_path / f"figures{suffix}"
+    run(PaperDpctOptions(plot=path, dpi=20))
+    assert path.read_bytes().startswith(magic)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_plot_without_matplotlib_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    real_import = builtins.__import__
+
+    def no_matplotlib(name: str, *args: Any) -> Any:
+        if name.startswith("matplotlib"):
+            raise ModuleNotFoundError(name)
+        return real_import(name, *args)
+
+    monkeypatch.setattr(builtins, "__import__", no_matplotlib)
+    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
+        figure("png", 20)
+
+
+def test_the_scenario_is_the_papers() -> None:
+    problem = paper_problem(3)
+    np.testing.assert_allclose(problem.arm.forward_kinematics(problem.q), [-0.8, 1.732], atol=1e-12)
+    assert problem.horizon == pytest.approx(3.0)
+    assert next(plan_rows()).case == 1

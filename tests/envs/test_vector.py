@@ -1,0 +1,137 @@
+"""The vector environment: lane i is the single environment with seed + i, whatever the number of lanes and threads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  (registers the ids)
+
+ENV_ID = "ConveyorTrack-v0"
+
+
+def actions_of(lane: int, steps: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(lane).uniform(-1.2, 1.2, (steps, 2)).astype(np.float32)
+
+
+def single(seed: int, lane: int, steps: int, **config: Any) -> list[Any]:
+    env = gym.make(ENV_ID, **config)
+    observation, _ = env.reset(seed=seed)
+    shown = [observation]
+    for action in actions_of(lane, steps):
+        observation, reward, terminated, truncated, info = env.step(action)
+        final = observation
+        if terminated or truncated:
+            observation, _ = env.reset()
+        shown.append((observation, reward, terminated, truncated, final, info))
+    return shown
+
+
+@pytest.mark.parametrize("num_envs", [1, 3, 70])  # 70 lanes run on two threads
+@pytest.mark.parametrize("control_mode", ["torque", "jerk"])
+def test_lanes_equal_single_environments_bit_for_bit(num_envs: int, control_mode: str) -> None:
+    steps, checked = 170, sorted({0, num_envs // 2, num_envs - 1})
+    vector = gym.make_vec(ENV_ID, num_envs=num_envs, control_mode=control_mode)
+    observations, _ = vector.reset(seed=20)
+    shown = {lane: [observations[lane]] for lane in checked}
+    all_actions = np.stack([actions_of(lane, steps) for lane in range(num_envs)], axis=1)
+    for actions in all_actions:
+        observations, rewards, terminated, truncated, infos = vector.step(actions)
+        for lane in checked:
+            final = infos["final_obs"][lane] if truncated[lane] else observations[lane]
+            shown[lane].append((observations[lane], rewards[lane], terminated[lane], truncated[lane], final, infos))
+    for lane in checked:
+        alone = single(20 + lane, lane, steps, control_mode=control_mode)
+        np.testing.assert_array_equal(shown[lane][0], alone[0])
+        for ours, theirs in zip(shown[lane][1:], alone[1:], strict=True):
+            np.testing.assert_array_equal(ours[0], theirs[0])
+            assert ours[1:4] == theirs[1:4]
+            np.testing.assert_array_equal(ours[4], theirs[4])
+            if theirs[3]:
+                final_info = ours[5]["final_info"]
+                for key, value in theirs[5].items():
+                    if not isinstance(value, dict):
+                        assert final_info[key][lane] == value
+                assert final_info["limit_ratios"]["jerk"][lane] == theirs[5]["limit_ratios"]["jerk"]
+
+
+def test_seeds_one_a_lane() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=3)
+    observations, _ = vector.reset(seed=[7, 7, 9])
+    np.testing.assert_array_equal(observations[0], observations[1])
+    assert (observations[0] != observations[2]).any()
+    with pytest.raises(ValueError, match="2 seeds for 3 lanes"):
+        vector.reset(seed=[1, 2])
+
+
+def test_reset_mask_resets_only_those() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=3)
+    before, _ = vector.reset(seed=0)
+    after, _ = vector.reset(seed=[None, 5, None], options={"reset_mask": np.array([False, True, False])})
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    np.testing.assert_array_equal(after[1], gym.make(ENV_ID).reset(seed=5)[0])
+    with pytest.raises(ValueError, match="bool array of shape"):
+        vector.reset(options={"reset_mask": [1, 0]})
+
+
+def test_options_apply_to_every_lane() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=2)
+    observations, _ = vector.reset(seed=0, options={"scenario": "paper"})
+    np.testing.assert_array_equal(observations[0], observations[1])
+
+
+def test_max_episode_steps_ends_earlier() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=2, max_episode_steps=10)
+    vector.reset(seed=0)
+    for step in range(1, 21):
+        *_, truncated, infos = vector.step(np.zeros((2, 2), dtype=np.float32))
+        assert truncated.all() == (step % 10 == 0)
+        assert ("final_obs" in infos) == truncated.all()
+
+
+def test_nothing_returned_shares_memory() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=1)
+    first, infos = vector.reset(seed=0)
+    second, rewards, *_ = vector.step(np.ones((1, 2), dtype=np.float32))
+    lanes = vector.unwrapped.task.lanes  # type: ignore[attr-defined]
+    for array in (first, second, rewards, infos["is_success"]):
+        assert not np.shares_memory(array, lanes)
+
+
+def test_a_lane_with_a_bad_action_is_named() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=4)
+    vector.reset(seed=0)
+    actions = np.zeros((4, 2), dtype=np.float32)
+    actions[2, 0] = np.nan
+    q = vector.unwrapped.joint_state()[0]  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match=r"lane 2.*not finite"):
+        vector.step(actions)
+    np.testing.assert_array_equal(vector.unwrapped.joint_state()[0], q)  # type: ignore[attr-defined]
+
+
+def test_step_before_reset() -> None:
+    with pytest.raises(gym.error.ResetNeeded, match="call reset"):
+        gym.make_vec(ENV_ID, num_envs=2).step(np.zeros((2, 2), dtype=np.float32))
+
+
+def test_rendering_gives_a_frame_a_lane() -> None:
+    vector = gym.make_vec(ENV_ID, num_envs=2, render_mode="rgb_array")
+    vector.reset(seed=0)
+    frames = vector.render()
+    assert frames is not None
+    assert len(frames) == 2
+    assert (frames[0] != frames[1]).any()
+    vector.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"), [({"num_envs": 0}, "at least 1"), ({"render_mode": "human"}, "rgb")]
+)
+def test_bad_arguments(arguments: dict[str, Any], complaint: str) -> None:
+    from envs.conveyor_track import ConveyorTrackVectorEnv
+
+    with pytest.raises(ValueError, match=complaint):
+        ConveyorTrackVectorEnv(**arguments)
