@@ -94,7 +94,7 @@ def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
         lane.truncated = lane.step >= shared.horizon_steps
         lane.reward_terms[0] = _progress(lane, shared) - progress_before
         lane.reward_terms[1] = (lane.settled_steps - settled_before) / shared.horizon_steps
-        lane.reward_terms[2] = -shared.limit_penalty * _excess(worst_ratio, shared.limit_tolerance)
+        lane.reward_terms[2] = 0.0 - shared.limit_penalty * _excess(worst_ratio, shared.limit_tolerance)
         lane.reward = lane.reward_terms[0] + lane.reward_terms[1] + lane.reward_terms[2]
         _observe(lane, shared)
 
