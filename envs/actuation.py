@@ -17,7 +17,8 @@ ControlMode = Literal["torque", "acceleration", "jerk"]
 CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk")
 LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 _TORQUE, _ACCELERATION = 0, 1  # positions in CONTROL_MODES
-_TORQUE_SWEEPS = 20
+_PROJECTIONS = 60
+_TORQUE_SLACK = 1e-5  # share of a torque limit that is left to saturation
 
 
 def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
@@ -99,7 +100,8 @@ def command_smoothly(lane: Any, model: Any, share: Array) -> None:
     """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
 
     The accelerations stay within what keeps every smoothness limit. Where that would ask more torque than there is,
-    they are moved, within the same bounds, until the torques fit (projected Gauss-Seidel on the mass matrix).
+    they are moved until the torques fit, too: projections in turn onto each torque limit, linear in the accelerations,
+    and back into the bounds.
     """
     n = lane.q.shape[0]
     period = model.control_period
@@ -112,47 +114,50 @@ def command_smoothly(lane: Any, model: Any, share: Array) -> None:
         lane.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
     mass = np.empty((n, n))
     mass_matrix_lane(model.coupling, lane.q, mass)
-    for _ in range(_TORQUE_SWEEPS):
+    for _ in range(_PROJECTIONS):
         held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
-        fits = True
+        worst, excess = 0, 0.0
         for i in range(n):
             allowed = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
-            if allowed != lane.tau[i]:
-                fits = False
-                moved = lane.commanded_qdd[i] + (allowed - lane.tau[i]) / mass[i, i]
-                moved = min(upper[i], max(lower[i], moved))
-                for j in range(n):
-                    lane.tau[j] += mass[j, i] * (moved - lane.commanded_qdd[i])
-                lane.commanded_qdd[i] = moved
-        if fits:
+            if abs(lane.tau[i] - allowed) > abs(excess):
+                worst, excess = i, lane.tau[i] - allowed
+        if abs(excess) <= _TORQUE_SLACK * model.limits[0, worst]:
             return
+        row = mass[worst]
+        scale = 0.0
+        for i in range(n):
+            scale += row[i] * row[i]
+        for i in range(n):
+            moved = lane.commanded_qdd[i] - row[i] * excess / scale
+            lane.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
 
 
 @njit(cache=True, nogil=True)
 def smooth_bounds(
     speed: float, acceleration: float, period: float, speed_limit: float, acceleration_limit: float, jerk_limit: float
 ) -> tuple[float, float]:
-    """The accelerations of one joint for the next period that keep its velocity, acceleration and jerk limits keepable.
-
-    Going from an acceleration a to zero at full jerk J in steps of one period T adds at most a^2 / (2 J) + a T / 2 +
-    J T^2 / 8 to the speed, this period included; the largest a that keeps the speed limit solves that for equality.
-    """
+    """The accelerations of one joint for the next period from which all its smoothness limits can still be kept."""
     step = jerk_limit * period
-    upper = min(acceleration_limit, _largest_safe_acceleration(speed_limit - speed, period, jerk_limit))
-    lower = -min(acceleration_limit, _largest_safe_acceleration(speed_limit + speed, period, jerk_limit))
-    lowest, highest = acceleration - step, acceleration + step
+    lowest = max(-acceleration_limit, acceleration - step)
+    highest = min(acceleration_limit, acceleration + step)
+    upper = _largest_safe_acceleration(speed_limit - speed, period, jerk_limit)
+    lower = -_largest_safe_acceleration(speed_limit + speed, period, jerk_limit)
     return min(highest, max(lowest, lower)), max(lowest, min(highest, upper))
 
 
 @njit(cache=True, nogil=True)
 def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: float) -> float:
+    """The largest acceleration that can be shed at full jerk J before it has used up the speed that is left.
+
+    Going from an acceleration a to zero in steps of one period T adds at most a^2 / (2 J) + a T / 2 + J T^2 / 8 to the
+    speed, this period included, and a T if one step is enough.
+    """
     if not (np.isfinite(speed_left) and np.isfinite(jerk_limit)):
         return np.inf
-    half_step = 0.5 * jerk_limit * period
-    spare = 2.0 * jerk_limit * (speed_left - 0.125 * jerk_limit * period * period)
-    if spare <= -half_step * half_step:
-        return -np.inf
-    return float(np.sqrt(spare + half_step * half_step) - half_step)
+    step = jerk_limit * period
+    if speed_left <= step * period:
+        return speed_left / period
+    return float(np.sqrt(2.0 * jerk_limit * speed_left) - 0.5 * step)
 
 
 @njit(cache=True, nogil=True)

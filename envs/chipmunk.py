@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
@@ -20,6 +21,9 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+import planners
+from planners.compile_cache import drop_stale
 
 try:
     from pymunk._chipmunk_cffi import ffi, lib
@@ -33,6 +37,8 @@ if sys.platform == "win32" or sys.maxsize <= 2**32:  # pragma: no cover - not re
     raise ImportError(
         "planarm's bridge to Chipmunk needs 64-bit Linux or macOS (on Windows, the Windows Subsystem for Linux)"
     )
+
+drop_stale(Path(__file__).parent, sources=(Path(planners.__file__).parent,))
 
 _pointer, _real, _nothing = types.intp, types.float64, types.void
 _vector = (_real, _real)

@@ -1,7 +1,8 @@
 """Scripted experts: a planner and a tracking controller behind the `predict` of a Stable-Baselines3 policy.
 
 An expert sees what an agent sees, the observation, and gives what an agent gives, an action in the environment's
-control mode. What it must remember between steps travels in the `state` that `predict` takes and returns.
+control mode. What it must remember between steps travels in the `state` that `predict` takes and returns; without
+one an expert goes on from its own last call.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
 from planners import Infeasible, MotionProblem, Trajectory, dpct
-from planners.control import Gains, held_torque, tracking_acceleration
+from planners.control import Gains, held_torque, tracking_acceleration, within_torque
 from planners.typing import Array
 
 Actions = NDArray[np.float32]
@@ -42,6 +43,7 @@ class Expert(ABC):
         self.plans_made = 0
         self.planning_seconds = 0.0
         self.infeasible = 0
+        self._memory: Any = None
         self._scale = action_scale(task.arm, task.config.control_mode)
 
     def predict(
@@ -55,27 +57,24 @@ class Expert(ABC):
 
         Args:
             observation: ``(size,)`` or ``(lanes, size)``.
-            state: what the last call returned; None at the beginning.
-            episode_start: ``(lanes,)``, which lanes are at the first step of an episode; all when ``state`` is None.
+            state: what the last call returned; None to go on from this expert's own last call.
+            episode_start: ``(lanes,)``, which lanes are at the first step of an episode; may be left out, because the
+                observation tells the time.
             deterministic: accepted for compatibility; experts are deterministic unless their name says otherwise.
 
         Returns:
             Actions in [-1, 1], ``(n,)`` or ``(lanes, n)``, and the state for the next call.
 
         Raises:
-            ValueError: if the observation has the wrong size, or the state is of another number of lanes.
+            ValueError: if the observation has the wrong size.
         """
         batch = np.atleast_2d(observation)
-        starts = np.ones(len(batch), dtype=bool)
-        if state is not None:
-            starts = (
-                np.zeros_like(starts) if episode_start is None else np.asarray(episode_start, dtype=bool).reshape(-1)
-            )
-        if len(starts) != len(batch):
-            raise ValueError(f"episode_start has {len(starts)} entries for {len(batch)} observations; give one each")
-        actions, state = self._act(batch, state, starts)
+        starts = np.zeros(len(batch), dtype=bool)
+        if episode_start is not None:
+            starts |= np.asarray(episode_start, dtype=bool)
+        actions, self._memory = self._act(batch, self._memory if state is None else state, starts)
         clipped: Actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
-        return (clipped[0] if np.ndim(observation) == 1 else clipped), state
+        return (clipped[0] if np.ndim(observation) == 1 else clipped), self._memory
 
     @abstractmethod
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
@@ -100,20 +99,23 @@ class _Tracking:
 
     Attributes:
         q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
+        first: step of the episode at which the plan begins, ``(lanes,)``.
         last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
-        step: control periods since the episode began, ``(lanes,)``.
+        due: step of the episode that the next observation should show, ``(lanes,)``.
     """
 
     q: Array
     qd: Array
+    first: NDArray[np.int64]
     last: NDArray[np.int64]
-    step: NDArray[np.int64]
+    due: NDArray[np.int64]
 
 
 class PlanningExpert(Expert):
     """Plans once at the start of an episode and tracks the plan by computed torque.
 
-    A lane without a plan (the problem has no solution), or past the end of its plan, brakes within its limits.
+    Where an observation does not continue the remembered episode, the lane is planned anew from there. A lane without
+    a plan (the problem has no solution), or past the end of its plan, brakes within its limits.
     """
 
     def __init__(self, task: Task, planner: Planner, gains: Gains | None = None) -> None:
@@ -122,40 +124,46 @@ class PlanningExpert(Expert):
         self._gains = gains or Gains()
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
-        period = self.task.config.control_period
-        tracking = self._empty(len(observations)) if state is None else cast(_Tracking, state)
-        if len(tracking.step) != len(observations):
-            raise ValueError(f"state is of {len(tracking.step)} lanes, the observation of {len(observations)}")
-        if starts.any():
-            tracking = self._replan(observations, tracking, starts)
         seen = self.task.layout.parse(observations)
-        q, qd = seen["joint_position"], seen["joint_velocity"]
-        lanes = np.arange(len(observations))
-        now, ahead = np.minimum(tracking.step, tracking.last), np.minimum(tracking.step + 1, tracking.last)
+        step = self._step(seen)
+        tracking = cast(_Tracking | None, state)
+        if tracking is None or len(tracking.due) != len(observations):
+            tracking = self._nothing(len(observations))
+        anew = starts | (tracking.due != step)
+        if anew.any():
+            tracking = self._replan(observations, tracking, step, anew)
+        lanes, sample = np.arange(len(observations)), step - tracking.first
+        now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
         qdd = tracking_acceleration(
-            q,
-            qd,
+            seen["joint_position"],
+            seen["joint_velocity"],
             (tracking.q[lanes, now], tracking.qd[lanes, now]),
             (tracking.q[lanes, ahead], tracking.qd[lanes, ahead]),
-            period,
+            self.task.config.control_period,
             self._gains,
         )
-        braking = tracking.step >= tracking.last
+        braking = sample >= tracking.last
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
-        return self._action_for(seen, qdd), replace(tracking, step=tracking.step + 1)
+        return self._action_for(seen, qdd), replace(tracking, due=step + 1)
 
-    def _empty(self, n_lanes: int) -> _Tracking:
+    def _step(self, seen: dict[str, Array]) -> NDArray[np.int64]:
+        """Step of the episode that each observation shows, ``(lanes,)``."""
+        left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period)
+        return self.task.horizon_steps - left.astype(np.int64)
+
+    def _nothing(self, n_lanes: int) -> _Tracking:
         samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
-        none = np.zeros(n_lanes, dtype=np.int64)
-        return _Tracking(np.zeros(samples), np.zeros(samples), none, none)
+        zero = np.zeros(n_lanes, dtype=np.int64)
+        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, zero - 1)
 
-    def _replan(self, observations: Observation, old: _Tracking, starts: NDArray[np.bool_]) -> _Tracking:
-        new = _Tracking(old.q.copy(), old.qd.copy(), old.last.copy(), np.where(starts, 0, old.step))
+    def _replan(
+        self, observations: Observation, old: _Tracking, step: NDArray[np.int64], anew: NDArray[np.bool_]
+    ) -> _Tracking:
+        new = _Tracking(old.q.copy(), old.qd.copy(), np.where(anew, step, old.first), old.last.copy(), old.due)
         period = self.task.config.control_period
-        for lane in np.flatnonzero(starts):
-            problem = self.task.motion_problem(observations[lane])
-            plan = self._plan(problem)
+        for lane in np.flatnonzero(anew):
+            plan = self._plan(self.task.motion_problem(observations[lane]))
             new.last[lane] = 0
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-6), self.task.horizon_steps)
@@ -175,24 +183,22 @@ class PlanningExpert(Expert):
             self.planning_seconds += time.perf_counter() - began
 
     def _braking(self, seen: dict[str, Array]) -> Array:
-        """Accelerations that bring the joints to rest within the acceleration and jerk limits."""
-        period, limits = self.task.config.control_period, self.task.arm.limits
-        acceleration, jerk = np.array(limits.acceleration), np.array(limits.jerk)
-        speed = seen["joint_velocity"]
-        # With a jerk limit, speed v can be shed to rest from an acceleration of at most sqrt(2 jerk v).
-        gentle = np.minimum(np.abs(speed) / period, acceleration)
-        gentle = np.where(np.isfinite(jerk), np.minimum(gentle, np.sqrt(2.0 * jerk * np.abs(speed))), gentle)
-        wanted = -np.sign(speed) * gentle
-        before = seen["joint_acceleration"]
-        braking: Array = np.clip(wanted, before - jerk * period, before + jerk * period)
-        return braking
+        """Accelerations that bring the joints to rest within the limits."""
+        arm, period = self.task.arm, self.task.config.control_period
+        acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
+        q, qd, qdd = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
+        # Speed v is shed to rest at full jerk from an acceleration of at most sqrt(2 jerk v).
+        gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), np.sqrt(2.0 * jerk * np.abs(qd)))
+        wanted = within_torque(arm, q, qd, -np.sign(qd) * gentle, period)
+        reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
+        return reachable
 
 
 class FollowerExpert(Expert):
     """Computed torque on the goal itself, without planning: what a controller alone achieves.
 
-    The hand is driven to the goal as a critically damped second-order system; joint accelerations are scaled down to
-    their limits, jerk is not looked at.
+    The hand is driven to the goal as a critically damped second-order system; accelerations and torques are scaled
+    down to their limits, jerk is not looked at.
 
     Args:
         task: the environment's task.
@@ -217,7 +223,8 @@ class FollowerExpert(Expert):
         square = np.einsum("lij,lkj->lik", jacobian, jacobian) + 1e-6 * np.eye(2)
         qdd = np.einsum("lji,lj->li", jacobian, np.linalg.solve(square, wanted[..., None])[..., 0])
         excess = np.max(np.abs(qdd) / np.array(arm.limits.acceleration), axis=1, keepdims=True)
-        return self._action_for(seen, qdd / np.maximum(1.0, excess)), ()
+        qdd = within_torque(arm, q, qd, qdd / np.maximum(1.0, excess), self.task.config.control_period)
+        return self._action_for(seen, qdd), ()
 
     def _centripetal(self, q: Array, qd: Array) -> Array:
         """Acceleration of the hand at constant joint velocities, ``(lanes, 2)``, m/s^2."""

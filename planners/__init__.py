@@ -3,8 +3,11 @@
 Nothing here knows of Gymnasium. SI units and radians throughout; joint angles are relative and counter-clockwise.
 """
 
+from pathlib import Path
+
 from planners import control, dpct
 from planners.arm import PLANAR_3R, SCARA_1M, Arm, JointLimits
+from planners.compile_cache import drop_stale
 from planners.kinematics import UnreachableTarget
 from planners.problem import (
     FixedHand,
@@ -32,3 +35,5 @@ __all__ = [
     "control",
     "dpct",
 ]
+
+drop_stale(Path(__file__).parent)

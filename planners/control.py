@@ -80,6 +80,24 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     return tau
 
 
+def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
+    """Accelerations scaled down, lane by lane, until the torques held for a period fit the arm's limits.
+
+    Args:
+        arm: the arm as the controller knows it.
+        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(lanes, n)``.
+        period: control period, s.
+
+    Returns:
+        ``(lanes, n)``, rad/s^2; zero in a lane whose limits not even zero acceleration keeps.
+    """
+    limit = np.array(arm.limits.torque)
+    still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
+    room = np.where(wanted > still, limit - still, limit + still)
+    share = np.divide(room, np.abs(wanted - still), out=np.ones_like(room), where=wanted != still)
+    return qdd * np.clip(share.min(axis=1, keepdims=True), 0.0, 1.0)
+
+
 @njit(cache=True, nogil=True)
 def held_torque_lane(
     coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array

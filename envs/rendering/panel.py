@@ -116,4 +116,5 @@ class Panel:
 
 def ratio_color(ratio: float) -> palette.Color:
     """Calm within the limit, alarming past it."""
-    return palette.ACCENT if abs(ratio) <= 1.0 else palette.BAD
+    # What reads as 100 % is not shown as broken.
+    return palette.ACCENT if round(abs(ratio), 2) <= 1.0 else palette.BAD

@@ -38,7 +38,9 @@ def test_torque_is_a_share_of_the_limit() -> None:
 
 
 def test_acceleration_is_a_share_of_the_limit() -> None:
-    assert mean_acceleration(started(control_mode="acceleration"), [0.2, -0.1]) == pytest.approx([0.06, -0.03], rel=1e-4)
+    assert mean_acceleration(started(control_mode="acceleration"), [0.2, -0.1]) == pytest.approx(
+        [0.06, -0.03], rel=1e-4
+    )
 
 
 def test_jerk_is_integrated() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -120,7 +121,7 @@ class TestStart:
             made(horizon=0.6).reset(seed=0)
 
     def test_holding_longer_than_the_horizon_is_refused(self) -> None:
-        with pytest.raises(ValueError, match="hold_time 0.5 s is longer than the horizon 0.4 s"):
+        with pytest.raises(ValueError, match=r"hold_time 0\.5 s is longer than the horizon 0\.4 s"):
             made(horizon=0.4)
 
     def test_the_answer_of_why_unsolvable_names_lateness(self) -> None:
@@ -132,7 +133,7 @@ class TestStart:
 
 
 class TestPart:
-    @pytest.mark.parametrize("acceleration", [0.0, 0.02, -0.015])
+    @pytest.mark.parametrize("acceleration", [0.0, 0.005, -0.015])
     def test_moves_as_the_belt_does(self, acceleration: float) -> None:
         env = made(belt_acceleration=acceleration)
         env.reset(seed=0, options=PAPER)
@@ -181,15 +182,43 @@ class TestExpert:
         assert infos["final_info"]["limit_ratio"].max() <= 1.02
         assert infos["final_info"]["steady_state_error"].max() <= 2e-4
 
-    def test_forgetting_the_state_replans_and_still_arrives(self) -> None:
+    def test_the_state_may_be_left_to_the_expert(self) -> None:
         env = made()
-        observation, info = env.reset(seed=0, options=PAPER)
         expert = envs.make_expert("dpct", env)
+        for episodes in (1, 2):
+            observation, info = env.reset(seed=episodes)
+            over = False
+            while not over:
+                action, _ = expert.predict(observation)
+                observation, _, _, over, info = env.step(action)
+            assert info["is_success"]
+            assert expert.plans_made == episodes
+
+    def test_another_episodes_state_is_not_followed(self) -> None:
+        env = made()
+        expert = envs.make_expert("dpct", env)
+        observation, _ = env.reset(seed=1)
+        for _ in range(30):
+            action, state = expert.predict(observation)
+            observation, *_ = env.step(action)
+        observation, _ = env.reset(seed=2)
+        fresh, _ = envs.make_expert("dpct", env).predict(observation)
+        np.testing.assert_array_equal(expert.predict(observation, state)[0], fresh)
+
+    def test_taking_over_in_mid_episode(self) -> None:
+        env = made(horizon=4.0)
+        expert = envs.make_expert("dpct", env)
+        observation, info = env.reset(seed=0, options={"belt_speed": 0.1, "offset": 0.1})
+        follower = envs.make_expert("follower", env)
+        for _ in range(25):
+            observation, *_ = env.step(follower.predict(observation)[0])
         over = False
         while not over:
             action, _ = expert.predict(observation)
             observation, _, _, over, info = env.step(action)
-        assert info["steady_state_error"] <= 2e-3
+        assert expert.plans_made == 1
+        assert expert.infeasible == 0
+        assert info["is_success"]
 
     def test_brakes_when_there_is_no_plan(self) -> None:
         def refuse(problem: MotionProblem) -> Trajectory:
@@ -200,7 +229,7 @@ class TestExpert:
         env.reset(seed=0)
         for _ in range(20):
             observation, *_ = env.step(np.array([0.03, 0.02], dtype=np.float32))
-        state = expert.predict(observation)[1]
+        state = None
         while not env.unwrapped._needs_reset:
             action, state = expert.predict(observation, state, np.zeros(1, dtype=bool))
             observation, *_ = env.step(action)
@@ -266,24 +295,21 @@ class TestMeasures:
 class TestReward:
     """On real rollouts: settling earlier pays, breaking a limit never does."""
 
-    @pytest.mark.parametrize("seed", [None, 0, 1, 2, 3, 4])
-    def test_settling_earlier_gets_the_higher_return(self, seed: int | None) -> None:
-        reset: dict[str, Any] = {"seed": 0, "options": PAPER} if seed is None else {"seed": seed}
-        results = []
-        for share in (0.85, 0.9, 0.95, 1.0):
-            env = made()
-            limits = SCARA_1M.limits.scaled(share)
-            try:
-                total, info = episode(env, planned_within(env, limits), **reset)
-            except Infeasible:
-                continue
-            assert info["limit_ratio"] <= 1.02
-            results.append((info["settling_time"], total))
-        by_time = sorted(results)
-        assert by_time[0][0] < by_time[-1][0]
-        for (earlier, higher), (later, lower) in zip(by_time[:-1], by_time[1:], strict=True):
-            if earlier < later:
-                assert higher > lower
+    def test_settling_earlier_gets_the_higher_return(self) -> None:
+        """DPCT within ever smaller shares of the limits settles ever later, in most episodes."""
+        compared = 0
+        for reset in ({"seed": 0, "options": PAPER}, *({"seed": seed} for seed in range(6))):
+            results = []
+            for share in (0.8, 0.87, 0.94, 1.0):
+                env = made()
+                total, info = episode(env, planned_within(env, SCARA_1M.limits.scaled(share)), **reset)
+                assert info["limit_ratio"] <= 1.02
+                results.append((info["settling_time"], total))
+            for (earlier, higher), (later, lower) in itertools.pairwise(sorted(results)):
+                if earlier < later:
+                    assert higher > lower
+                    compared += 1
+        assert compared >= 10
 
     @pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk"])
     def test_breaking_a_limit_costs_more_than_it_gains(self, kind: str) -> None:
