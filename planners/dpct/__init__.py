@@ -1,1 +1,59 @@
-"""DPCT: dynamic programming for conveyor tracking."""
+"""DPCT: dynamic programming for conveyor tracking.
+
+A hand meets a part on a moving conveyor and rides with it, within limits of joint torque, velocity, acceleration and
+jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Manipulator for Conveyor Tracking".
+
+- ``variant="optimal"`` (:mod:`planners.dpct.optimal`), the default: earliest rendezvous, then least tracking index,
+exact in
+  time and checked on a dense grid.
+- ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any, Literal, get_args
+
+from planners.dpct.feasibility import Window, ride_windows
+from planners.dpct.line import Branch, reduce_to_line
+from planners.dpct.optimal import plan_optimal
+from planners.dpct.paper import plan_paper
+from planners.dpct.settling import settling_bound
+from planners.problem import MotionProblem, Trajectory
+
+Variant = Literal["optimal", "paper"]
+
+_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {"optimal": plan_optimal, "paper": plan_paper}
+
+
+def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:
+    """Plan a motion; options are those of :func:`plan_optimal` or :func:`planners.dpct.paper.plan_paper`.
+
+    Raises:
+        Infeasible: if no motion solves the problem, with the reason.
+        ValueError: if the variant or an option is unknown, or an option is out of range.
+    """
+    if variant not in _PLANNERS:
+        raise ValueError(f"variant {variant!r} must be one of {', '.join(map(repr, get_args(Variant)))}")
+    planner = _PLANNERS[variant]
+    allowed = [name for name in inspect.signature(planner).parameters if name != "problem"]
+    unknown = sorted(set(options) - set(allowed))
+    if unknown:
+        raise ValueError(f"variant {variant!r} has no option {', '.join(unknown)}; it has {', '.join(allowed)}")
+    return planner(problem, **options)
+
+
+def rideable_windows(problem: MotionProblem, elbow: Branch = "start") -> list[Window]:
+    """Time intervals in which the hand can ride exactly with the target within every limit, in order.
+
+    From time 0 until the target leaves the reach of the arm; for a target that stands still the last one closes at
+    infinity. Empty if there are none.
+
+    Raises:
+        Infeasible: if the hand is not on the target's line, or that line is out of reach.
+    """
+    return ride_windows(reduce_to_line(problem, elbow))
+
+
+__all__ = ["Variant", "Window", "plan", "plan_optimal", "plan_paper", "rideable_windows", "settling_bound"]

@@ -1,0 +1,208 @@
+"""The leaderboard: results of several policies on one task as a table, beside the bound and published figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from agents import statistics
+from agents.evaluation import Evaluation
+from agents.experiment import BenchmarkTask
+from agents.statistics import Estimate
+from planners.typing import Array
+
+LIMIT_TOLERANCE = 0.02
+"""Share by which a limit may be exceeded before an episode counts as one that breaks it."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of ``info`` that has its own column: its key, its title, and the factor it is shown with."""
+
+    key: str
+    title: str
+    factor: float
+
+
+METRICS: dict[str, tuple[Metric, ...]] = {
+    "ConveyorTrack-v0": (
+        Metric("settling_time", "settled (s)", 1.0),
+        Metric("steady_state_error", "error (mm)", 1e3),
+    )
+}
+BOUND_METRIC = "settling_time"
+
+
+@dataclass
+class TaskResult:
+    """What is finished of one task.
+
+    Attributes:
+        task: the task.
+        seeds: of its episodes.
+        evaluations: one a policy.
+        bounds: least settling times of the first seeds, s; None if they are not computed.
+    """
+
+    task: BenchmarkTask
+    seeds: NDArray[np.int64]
+    evaluations: list[Evaluation] = field(default_factory=list)
+    bounds: Array | None = None
+
+    def above_bound(self, evaluation: Evaluation) -> Array | None:
+        """How much later than the bound each episode settled, s, where the bound is known."""
+        if self.bounds is None:
+            return None
+        reachable = np.isfinite(self.bounds)
+        settled = evaluation.metrics[BOUND_METRIC][: len(self.bounds)]
+        return np.asarray(settled[reachable] - self.bounds[reachable])
+
+
+def summary(result: TaskResult, evaluation: Evaluation) -> dict[str, Estimate]:
+    """The estimates the leaderboard shows, and more, by name: medians, but for rates and the return."""
+    estimates = {
+        "success": statistics.rate(evaluation.success),
+        "return": statistics.interquartile_mean(evaluation.returns),
+        "length": statistics.median(evaluation.lengths),
+    }
+    if "limit_ratio" in evaluation.metrics:
+        estimates["limit_broken"] = statistics.rate(evaluation.metrics["limit_ratio"] > 1.0 + LIMIT_TOLERANCE)
+    for key, values in evaluation.metrics.items():
+        if key != "is_success":
+            estimates[key] = statistics.median(values)
+    above = result.above_bound(evaluation)
+    if above is not None and above.size:
+        estimates["above_bound"] = statistics.median(above)
+    return estimates
+
+
+def print_leaderboard(console: Console, result: TaskResult) -> None:
+    """Print a task's table with what is to be known of it; as Markdown where the console is no terminal."""
+    episodes = len(result.seeds)
+    heading = f"{result.task.title}: {episodes} {'episode' if episodes == 1 else 'episodes'}"
+    table = leaderboard(result)
+    if console.is_terminal:
+        for column in table.columns:
+            column.header = str(column.header).replace(" ", "\n")  # narrow enough for 80 characters
+        console.print(f"[bold]{heading}[/bold]", table, _caption(result), "", sep="\n", highlight=False)
+        return
+    table.box = box.MARKDOWN
+    wide = Console(file=console.file, width=1000)  # a line of Markdown must not be broken
+    wide.print(f"### {heading}", table, f"{_caption(result)}\n", sep="\n")
+
+
+def leaderboard(result: TaskResult) -> Table:
+    """The table of one task, best policy first: by success, then by return."""
+    metrics = METRICS.get(result.task.env, ())
+    bounded = result.bounds is not None
+    table = Table("policy", box=box.SIMPLE_HEAD, padding=0, header_style="bold")
+    table.add_column("success (%)", justify="right")
+    for title in (*(metric.title for metric in metrics), *(("over bound",) if bounded else ())):
+        table.add_column(title, justify="right")
+    for title in ("limit ratio", "broken (%)", "return", "plan (ms)", "step (us)"):
+        table.add_column(title, justify="right")
+    rows = [(evaluation, summary(result, evaluation)) for evaluation in result.evaluations]
+    for evaluation, estimates in sorted(rows, key=lambda row: (-row[1]["success"].value, -row[1]["return"].value)):
+        table.add_row(*_policy_cells(evaluation, estimates, metrics, bounded=bounded))
+    if result.bounds is not None:
+        table.add_row("bound", "", *_settling_cells(metrics, statistics.median(result.bounds).value), style="italic")
+    if result.task.published is not None:
+        table.add_row("paper", "", *_settling_cells(metrics, result.task.published.settling_time), style="italic")
+    return table
+
+
+def _policy_cells(
+    evaluation: Evaluation, estimates: dict[str, Estimate], metrics: Sequence[Metric], *, bounded: bool
+) -> Iterator[str]:
+    yield evaluation.policy
+    success = estimates["success"]
+    yield f"{_percent(success.value)} ({_percent(success.low)}-{_percent(success.high)})"
+    for metric in metrics:
+        yield _number(estimates[metric.key].value * metric.factor)
+    if bounded:
+        yield _number(estimates["above_bound"].value) if "above_bound" in estimates else ""
+    yield _number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
+    yield _percent(estimates["limit_broken"].value) if "limit_broken" in estimates else ""
+    yield _number(estimates["return"].value)
+    yield _number(evaluation.timing.planning_ms) if evaluation.timing.plans else ""
+    yield _number(evaluation.timing.policy_us)
+
+
+def _settling_cells(metrics: Sequence[Metric], settling_time: float) -> list[str]:
+    """Cells of the metric columns for a row of which the settling time alone is known."""
+    return [_number(settling_time) if metric.key == BOUND_METRIC else "" for metric in metrics]
+
+
+def _caption(result: TaskResult) -> str:
+    lines = [
+        "Success: with its 95 % interval. Return: interquartile mean. All else: medians. Limit ratio: worst value over "
+        f"its limit; broken: episodes in which it is more than {1.0 + LIMIT_TOLERANCE:g}."
+    ]
+    if result.bounds is not None:
+        which = "" if len(result.bounds) == len(result.seeds) else f" (the first {len(result.bounds)})"
+        lines.append(
+            "Bound: settling time of the best known optimum within the same tolerances, which may begin with any "
+            f"acceleration, from the same starts{which}; over bound: settling time less the bound, s."
+        )
+    steps = sum(evaluation.timing.lane_steps for evaluation in result.evaluations)
+    env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps
+    lines.append(f"Step: of the policy, without planning; the environment takes {env_us:.1f} us.")
+    if result.task.published is not None:
+        lines.append(f"Paper: {result.task.published.source}. {result.task.published.note}".strip())
+    return " ".join(lines)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f}".removesuffix(".0")
+
+
+def _number(value: float) -> str:
+    if math.isinf(value):
+        return "never"
+    if 0.0 < abs(value) < 0.0005:
+        return "<0.001"
+    return f"{value:.3f}" if abs(value) < 10.0 else f"{value:.1f}"
+
+
+def as_document(result: TaskResult) -> dict[str, Any]:
+    """Everything of a task's results, for JSON. null in place of a time: never."""
+    task = result.task
+    return {
+        "task": task.title,
+        "env": task.env,
+        "env_config": task.env_config,
+        "options": task.options,
+        "policies": [_evaluation_document(result, evaluation) for evaluation in result.evaluations],
+        "bound": None
+        if result.bounds is None
+        else {"seeds": result.seeds[: len(result.bounds)], BOUND_METRIC: result.bounds},
+        "published": task.published.model_dump() if task.published else None,
+    }
+
+
+def _evaluation_document(result: TaskResult, evaluation: Evaluation) -> dict[str, Any]:
+    timing = evaluation.timing
+    return {
+        "policy": evaluation.policy,
+        "summary": {name: vars(estimate) for name, estimate in summary(result, evaluation).items()},
+        "timing": {
+            **vars(timing),
+            "planning_ms": timing.planning_ms,
+            "policy_us": timing.policy_us,
+            "env_us": timing.env_us,
+        },
+        "episodes": {
+            "seed": evaluation.seeds,
+            "return": evaluation.returns,
+            "length": evaluation.lengths,
+            **evaluation.metrics,
+        },
+    }

@@ -1,0 +1,95 @@
+"""Episodes as files: animated GIF, MP4, or PNG of the last frame."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from agents.files import whole_file
+from envs.settings import refuse_unknown
+
+Frame = NDArray[np.uint8]
+
+_NEEDS = {".gif": ("PIL", "viz"), ".png": ("PIL", "viz"), ".mp4": ("imageio_ffmpeg", "video")}
+"""Module and extra that each file format needs."""
+
+
+def require_recordable(path: Path, *, fps: int, width: int) -> None:
+    """Raise, before an episode is run for nothing, if it could not be written.
+
+    Raises:
+        ValueError: for an unknown file format, or a frame rate or width that makes no film.
+        gymnasium.error.DependencyNotInstalled: naming the extra to install.
+    """
+    refuse_unknown([path.suffix.lower()], _NEEDS, f"file format of {path}:")
+    if not 1 <= fps <= 100:
+        raise ValueError(f"fps {fps} must be from 1 to 100")
+    if not 64 <= width <= 4096:
+        raise ValueError(f"width {width} must be from 64 to 4096 pixels")
+    for module, extra in (("PIL", "viz"), _NEEDS[path.suffix.lower()]):
+        if importlib.util.find_spec(module) is None:
+            raise DependencyNotInstalled(f'recording {path.suffix} needs {module}; run: pip install "planarm[{extra}]"')
+
+
+class Film:
+    """Frames of an episode, thinned to a frame rate and scaled to a width as they are taken.
+
+    Args:
+        fps: frames a second.
+        width: of a frame, pixels.
+    """
+
+    def __init__(self, fps: int, width: int) -> None:
+        self._fps, self._width = fps, width
+        self._frames: list[Any] = []
+
+    def take(self, time: float, render: Callable[[], Any], *, last: bool = False) -> None:
+        """Take a frame if one is due at this time (s) of the episode, or if it is the last."""
+        if last or time * self._fps >= len(self._frames) - 1e-9:
+            self._frames.append(self._scaled(render()))
+
+    def write(self, path: Path) -> None:
+        """Write the frames, whole or not at all, in the format of the suffix."""
+        writers = {".gif": self._write_gif, ".png": self._write_png, ".mp4": self._write_mp4}
+        with whole_file(path) as draft:
+            writers[path.suffix.lower()](draft)
+
+    def _scaled(self, pixels: Frame) -> Any:
+        from PIL import Image
+
+        image = Image.fromarray(pixels)
+        # Video needs even sides.
+        size = (2 * (self._width // 2), 2 * round(0.5 * self._width * image.height / image.width))
+        return image.resize(size, Image.Resampling.LANCZOS)
+
+    def _write_gif(self, path: Path) -> None:
+        from PIL import Image
+
+        # One palette for all frames keeps colours from flickering; it must know those of the beginning and the end.
+        shown = [self._frames[0], self._frames[len(self._frames) // 2], self._frames[-1]]
+        width, height = shown[0].size
+        sheet = Image.new("RGB", (width, height * len(shown)))
+        for row, frame in enumerate(shown):
+            sheet.paste(frame, (0, row * height))
+        palette = sheet.quantize(128)
+        frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames]
+        durations = [1000 // self._fps] * (len(frames) - 1) + [2000]
+        frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False)
+
+    def _write_png(self, path: Path) -> None:
+        self._frames[-1].save(path, optimize=True)
+
+    def _write_mp4(self, path: Path) -> None:
+        import imageio_ffmpeg
+
+        writer = imageio_ffmpeg.write_frames(str(path), self._frames[0].size, fps=self._fps, macro_block_size=2)
+        writer.send(None)
+        for frame in self._frames:
+            writer.send(frame.tobytes())
+        writer.close()

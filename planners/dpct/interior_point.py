@@ -1,0 +1,313 @@
+"""Primal-dual interior point method for the tracking problem on stages, with a free or a given rendezvous time.
+
+The index is ``weight_time T + weight_error J``: a large ratio of the two asks for the earliest rendezvous and, at
+that time, the least tracking index J (eq 18 of "Motion Planning of a Robot Manipulator for Conveyor Tracking").
+Constraints get slacks; they are linearised about the motion at hand in every step, whose quadratic problem
+`solve_stages` solves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planners.dpct.constraints import Course, bounded_rows, cost_matrices, evaluate, roll_out, tracking_index
+from planners.dpct.riccati import solve_stages
+from planners.typing import Array
+
+BOUNDARY_FRACTION = 0.99
+FEASIBLE, CLOSED = 1e-6, 1e-7  # largest excess of a scaled limit, largest |z_N|
+FIRST_SLACK, FIRST_GAP = 0.3, 0.03  # least slack and its product with the multiplier at the first guess
+STALL, STALLS = 0.1, 8  # so many steps in a row shorter than this mean that there is no feasible motion
+SETTLED = 1e-4  # change of T in the last step, as a fraction of it
+NEARLY = 0.3  # excess of a scaled limit from which the first step goes well
+
+
+class Solution(NamedTuple):
+    """Result of `solve`.
+
+    Attributes:
+        converged: whether the limits and the end condition hold and the index is at its optimum.
+        time: rendezvous time T, s.
+        acceleration: r'' at time 0.
+        jerk: r''' on each stage, ``(N,)``.
+        cost: the tracking index J (eq 18), in squared units of r times s.
+        iterations: steps taken.
+        violation: largest excess of a limit, as a fraction of it.
+    """
+
+    converged: bool
+    time: float
+    acceleration: float
+    jerk: Array
+    cost: float
+    iterations: int
+    violation: float
+
+
+@njit(cache=True, nogil=True)
+def solve(
+    course: Course,
+    time: float,
+    time_low: float,
+    time_high: float,
+    weight_time: float,
+    weight_error: float,
+    max_time_change: float = 0.3,
+    max_iterations: int = 60,
+    final_gap: float = 1e-7,
+) -> Solution:
+    """Best motion to the rendezvous.
+
+    Args:
+        course: the problem.
+        time: first guess of T; T itself where ``time_low >= time_high``.
+        time_low, time_high: bounds of a free T, s.
+        weight_time, weight_error: of T and of J in the index.
+        max_time_change: largest change of T in one step, as a fraction of it; the constraints are far from linear in T.
+        max_iterations: steps before giving up.
+        final_gap: mean product of slack and multiplier at which the index counts as optimal.
+    """
+    free_time = time_low < time_high
+    stages = course.durations.shape[0]
+    position_cost, velocity_cost = cost_matrices(course.durations)
+    bounded = bounded_rows(course)
+    bounded[0, -1, :] = free_time
+    rows = bounded.shape[1]
+    value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
+    hessian, linear = np.empty((stages, 5, 5)), np.empty((stages, 5))
+    slack_step, dual_step = np.empty((stages, rows, 2)), np.empty((stages, rows, 2))
+
+    acceleration = course.start[2]
+    control = _quintic_control(course, time)
+    z = roll_out(course, time, acceleration, control)
+    evaluate(course, time, time_low, time_high, z, control, value, gradient)
+    gap = FIRST_GAP
+    slack, dual = _initial_slacks(bounded, value, gap)
+    centring, violation, converged, iterations, stalled = 1.0, np.inf, False, 0, 0
+    for iteration in range(max_iterations):
+        iterations = iteration + 1
+        barrier = centring * gap
+        _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
+        _barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
+        basis = _start_basis(course, time, acceleration, free_time)
+        steps, start_step = solve_stages(course.durations, hessian, linear, z[stages], basis)
+        primal, dual_length = _slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
+        if free_time:
+            primal = min(primal, max_time_change * time / max(abs(start_step[0]), 1e-300))
+            time += primal * start_step[0]
+        if course.free_acceleration:
+            acceleration += primal * start_step[-1]
+        control += primal * steps[:, 4]
+        slack += primal * slack_step
+        dual += dual_length * dual_step
+        z = roll_out(course, time, acceleration, control)
+        evaluate(course, time, time_low, time_high, z, control, value, gradient)
+        violation, gap = _excess(bounded, value), _mean_product(bounded, slack, dual)
+        end_error = np.max(np.abs(z[stages]))
+        if not np.isfinite(end_error + gap):
+            break
+        settled = primal > 0.9 and (not free_time or abs(start_step[0]) < SETTLED * time)
+        if violation < FEASIBLE and end_error < CLOSED and gap < final_gap and settled:
+            converged = True
+            break
+        stalled = stalled + 1 if primal < STALL else 0
+        if stalled == STALLS:
+            break
+        smaller = min(primal, dual_length)
+        centring = 0.1 if smaller > 0.9 else 0.2 if smaller > 0.5 else 0.5
+    if converged:  # what is left of z_N goes by the least change of the control
+        hessian[:], linear[:] = 0.0, 0.0
+        hessian[:, 4, 4] = 1.0
+        steps, _ = solve_stages(course.durations, hessian, linear, z[stages], np.empty((0, 4)))
+        control += steps[:, 4]
+        z = roll_out(course, time, acceleration, control)
+    cost = tracking_index(course, z, control, time)
+    return Solution(converged, time, acceleration, control / time**3, cost, iterations, violation)
+
+
+@njit(cache=True, nogil=True)
+def guess_time(course: Course, time_low: float, time_high: float, guesses: int = 8) -> tuple[float, float]:
+    """The first of some times at which a quintic nearly keeps the limits (or does best), and its tracking index."""
+    bounded = bounded_rows(course)
+    stages, rows = bounded.shape[:2]
+    value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
+    best_time, best_cost, least = time_high, 1.0, np.inf
+    for guess in range(guesses):
+        fraction = (guess + 0.5) / guesses
+        time = time_low + (time_high - time_low) * fraction**2
+        control = _quintic_control(course, time)
+        z = roll_out(course, time, course.start[2], control)
+        evaluate(course, time, 0.0, 0.0, z, control, value, gradient)
+        violation = _excess(bounded, value)
+        if violation < least:
+            best_time, best_cost, least = time, tracking_index(course, z, control, time), violation
+        if violation < NEARLY:
+            break
+    return best_time, best_cost
+
+
+@njit(cache=True, nogil=True)
+def _quintic_control(course: Course, time: float) -> Array:
+    """Scaled jerk at the middle of each stage of the quintic from the start to the rendezvous."""
+    e = course.start[0] - course.target[0]
+    v = time * (course.start[1] - course.target[1])
+    a = time * time * (course.start[2] - course.target[2])
+    control = np.empty(course.durations.shape[0])
+    elapsed = 0.0
+    for k in range(control.shape[0]):
+        s = elapsed + 0.5 * course.durations[k]
+        cubic, quartic = -10.0 * e - 6.0 * v - 1.5 * a, 15.0 * e + 8.0 * v + 1.5 * a
+        control[k] = 6.0 * cubic + 24.0 * quartic * s - 60.0 * (6.0 * e + 3.0 * v + 0.5 * a) * s * s
+        elapsed += course.durations[k]
+    return control
+
+
+@njit(cache=True, nogil=True)
+def _initial_slacks(bounded: Array, value: Array, barrier: float) -> tuple[Array, Array]:
+    """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
+    slack, dual = np.ones(bounded.shape), np.zeros(bounded.shape)
+    for k in range(bounded.shape[0]):
+        for row in range(bounded.shape[1]):
+            for side in range(2):
+                if bounded[k, row, side]:
+                    slack[k, row, side] = max(1.0 - (2 * side - 1) * value[k, row], FIRST_SLACK)
+                    dual[k, row, side] = barrier / slack[k, row, side]
+    return slack, dual
+
+
+@njit(cache=True, nogil=True)
+def _index_model(
+    position_cost: Array,
+    velocity_cost: Array,
+    z: Array,
+    control: Array,
+    time: float,
+    weight_time: float,
+    weight_error: float,
+    hessian: Array,
+    linear: Array,
+) -> None:
+    """Gradient and (positive semidefinite part of the) Hessian of the index by ``(z, T, j)`` of each stage."""
+    place = (0, 1, 2, 4)  # of z and j in (z, T, j)
+    x = np.empty(4)
+    for k in range(control.shape[0]):
+        x[:3], x[3] = z[k], control[k]
+        hessian[k] = 0.0
+        linear[k] = 0.0
+        for a in range(4):
+            for b in range(4):
+                position, velocity = weight_error * position_cost[k, a, b], weight_error * velocity_cost[k, a, b]
+                entry = 2.0 * (time * position + velocity / time)
+                hessian[k, place[a], place[b]] = entry
+                linear[k, place[a]] += entry * x[b]
+                linear[k, 3] += x[a] * x[b] * (position - velocity / time**2)
+                hessian[k, 3, 3] += 2.0 * x[a] * x[b] * velocity / time**3
+        hessian[k, 4, 4] += 1e-12  # keeps the control determined where nothing else weighs it
+    linear[0, 3] += weight_time
+
+
+@njit(cache=True, nogil=True)
+def _barrier_model(
+    bounded: Array,
+    value: Array,
+    gradient: Array,
+    slack: Array,
+    dual: Array,
+    barrier: float,
+    hessian: Array,
+    linear: Array,
+) -> None:
+    """Adds the constraints, with slacks and multipliers eliminated."""
+    for k in range(bounded.shape[0]):
+        for row in range(bounded.shape[1]):
+            weight = pull = 0.0
+            for side in range(2):
+                if bounded[k, row, side]:
+                    sign = 2 * side - 1
+                    s, d = slack[k, row, side], dual[k, row, side]
+                    weight += d / s
+                    pull += sign * (d * (sign * value[k, row] + s - 1.0) + barrier) / s
+            if weight > 0.0:
+                for a in range(5):
+                    weighted = weight * gradient[k, row, a]
+                    linear[k, a] += pull * gradient[k, row, a]
+                    for b in range(a + 1):
+                        hessian[k, a, b] += weighted * gradient[k, row, b]
+        for a in range(5):
+            for b in range(a):
+                hessian[k, b, a] = hessian[k, a, b]
+
+
+@njit(cache=True, nogil=True)
+def _start_basis(course: Course, time: float, acceleration: float, free_time: bool) -> Array:
+    """How the first ``(z, T)`` changes with what is free at the start: T, then the acceleration; ``(free, 4)``."""
+    basis = np.zeros((int(free_time) + int(course.free_acceleration), 4))
+    if free_time:
+        basis[0, 1] = course.start[1] - course.target[1]
+        basis[0, 2] = 2.0 * time * (acceleration - course.target[2])
+        basis[0, 3] = 1.0
+    if course.free_acceleration:
+        basis[-1, 2] = time * time
+    return basis
+
+
+@njit(cache=True, nogil=True)
+def _slack_steps(
+    bounded: Array,
+    value: Array,
+    gradient: Array,
+    slack: Array,
+    dual: Array,
+    barrier: float,
+    steps: Array,
+    slack_step: Array,
+    dual_step: Array,
+) -> tuple[float, float]:
+    """Steps of slacks and multipliers (written), and how far each may go without leaving the positive side."""
+    primal = dual_length = 1.0 / BOUNDARY_FRACTION
+    for k in range(bounded.shape[0]):
+        for row in range(bounded.shape[1]):
+            change = 0.0
+            for a in range(5):
+                change += gradient[k, row, a] * steps[k, a]
+            for side in range(2):
+                slack_step[k, row, side] = dual_step[k, row, side] = 0.0
+                if bounded[k, row, side]:
+                    sign = 2 * side - 1
+                    s, d = slack[k, row, side], dual[k, row, side]
+                    ds = 1.0 - s - sign * (value[k, row] + change)
+                    dd = (barrier - d * ds) / s - d
+                    if primal * ds < -s:
+                        primal = -s / ds
+                    if dual_length * dd < -d:
+                        dual_length = -d / dd
+                    slack_step[k, row, side], dual_step[k, row, side] = ds, dd
+    return BOUNDARY_FRACTION * primal, BOUNDARY_FRACTION * dual_length
+
+
+@njit(cache=True, nogil=True)
+def _excess(bounded: Array, value: Array) -> float:
+    """Largest excess of a scaled limit, 0 if there is none."""
+    excess = 0.0
+    for k in range(bounded.shape[0]):
+        for row in range(bounded.shape[1]):
+            for side in range(2):
+                if bounded[k, row, side]:
+                    excess = max(excess, (2 * side - 1) * value[k, row] - 1.0)
+    return excess
+
+
+@njit(cache=True, nogil=True)
+def _mean_product(bounded: Array, slack: Array, dual: Array) -> float:
+    """Mean product of slack and multiplier."""
+    total, count = 0.0, 0
+    for k in range(bounded.shape[0]):
+        for row in range(bounded.shape[1]):
+            for side in range(2):
+                if bounded[k, row, side]:
+                    total += slack[k, row, side] * dual[k, row, side]
+                    count += 1
+    return total / max(count, 1)

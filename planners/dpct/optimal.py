@@ -1,0 +1,206 @@
+"""The default DPCT planner: earliest rendezvous with a moving target, then least tracking index.
+
+It takes the dynamic programming of "Motion Planning of a Robot Manipulator for Conveyor Tracking" from a grid in the
+phase plane to the tracking error and its two derivatives in continuous values, with the jerk as the control and time
+as the stages. So the principle of optimality holds, the start is met on time, and no acceleration, torque or jerk is
+a quotient of differences. The limits hold between the stages too: every plan is checked on a dense grid with exact
+kinematics and inverse dynamics, and planned again within tighter limits where the check finds an excess.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from planners.dpct import diagnosis
+from planners.dpct.constraints import Course
+from planners.dpct.feasibility import KINDS, Window, joint_motion, limit_table, ride_windows
+from planners.dpct.line import Branch, Line, reduce_to_line
+from planners.dpct.sampling import sample_manoeuvre, sample_ride, to_trajectory
+from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
+from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory
+from planners.typing import Array
+
+STAGES = 60
+
+FIRST_TIGHTENING = 1.0 - 2e-4
+"""Share of every limit that the first attempt uses: most plans need no second."""
+
+DENSE_LOAD = 1.0 - 1e-5
+"""Largest load a plan may show on the dense grid: a little less than 1, for what lies between two samples."""
+
+BACK_OFF, BACK_OFFS = 2e-5, 10
+"""How much tighter than the excess the limits become for the next attempt, and how many there are."""
+
+START_TOLERANCE = 1e-3
+"""Excess of a limit, as a fraction of it, that the start state may bring along."""
+
+START_OVERSHOOT = 1e-4
+"""How much further, as a fraction of the limit, a start close to a limit may go where it cannot turn in time."""
+
+MET = np.array([1e-6, 1e-6, 1e-3])
+"""Differences of position (m), velocity (m/s) and acceleration (m/s^2) at which the hand is with the target already."""
+
+Elbow = Literal["start", "best", "+", "-"]
+
+
+def plan_optimal(
+    problem: MotionProblem,
+    *,
+    elbow: Elbow = "start",
+    rendezvous_time: float | None = None,
+    time_weight: float | None = None,
+    free_initial_acceleration: bool = False,
+    allow_reverse: bool = False,
+    stages: int = STAGES,
+    explain: bool = True,
+) -> Trajectory:
+    """Meet a moving target exactly and ride with it, or come to rest at a fixed one.
+
+    The hand keeps to the target's line (a fixed target in joint angles: to the straight joint path). After the
+    rendezvous it moves exactly with the target until the horizon, or until riding on would break a limit
+    (``rides_until``).
+
+    Args:
+        problem: the motion asked for.
+        elbow: the branch of the start posture, a given one, or the better of both; on another branch than its own the
+            start posture counts as the one with the hand in the same place.
+        rendezvous_time: meet then, with the least tracking index, s; as early as possible when left out.
+        time_weight: minimise ``time_weight * rendezvous time + J`` instead, 1/s.
+        free_initial_acceleration: let the plan choose the acceleration at time 0, as the paper does, in place of the
+            start's.
+        allow_reverse: let the hand move against the direction of the line, to meet a part that is still upstream
+            earlier; it always may where its start, or the target later on, moves that way.
+        stages: intervals of constant jerk.
+        explain: on failure find out what would help (some 50 ms), for the message and the details of `Infeasible`.
+
+    Returns:
+        The trajectory; its cost is J of eq 18, with ``r = 1`` where the target is at the horizon (eq 7).
+
+    Raises:
+        Infeasible: with reason ``unreachable``, ``start``, ``no_window``, ``late`` or ``limits``.
+        ValueError: if an option is out of range.
+    """
+    if elbow not in ("start", "best", "+", "-"):
+        raise ValueError(f"elbow {elbow!r} must be 'start', 'best', '+' or '-'")
+    if rendezvous_time is not None and not 0.0 < rendezvous_time <= problem.horizon:
+        raise ValueError(f"rendezvous_time {rendezvous_time} s must be in (0, horizon = {problem.horizon}] s")
+    if time_weight is not None and not time_weight >= 0.0:
+        raise ValueError(f"time_weight {time_weight} must not be negative")
+    if stages < 10:
+        raise ValueError(f"stages {stages} must be at least 10")
+    aim = Aim(rendezvous_time, time_weight)
+    branches: dict[Elbow, tuple[Branch, ...]] = {"start": ("start",), "best": ("+", "-"), "+": ("+",), "-": ("-",)}
+    plans, failures = [], []
+    for branch in ("start",) if isinstance(problem.target, FixedJoints) and elbow == "best" else branches[elbow]:
+        try:
+            line = reduce_to_line(problem, branch)
+            plans.append(_plan_on(line, aim, free_initial_acceleration, allow_reverse, stages, explain))
+        except Infeasible as failure:
+            failures.append(failure)
+    if not plans:
+        raise failures[0]
+    weight = math.inf if time_weight is None else time_weight
+    return min(plans, key=lambda plan: _merit(plan, weight))
+
+
+def _merit(plan: Trajectory, time_weight: float) -> tuple[float, float]:
+    """What the better elbow has less of."""
+    if math.isinf(time_weight):
+        return plan.rendezvous_time, plan.cost
+    return time_weight * plan.rendezvous_time + plan.cost, 0.0
+
+
+def _plan_on(
+    line: Line, aim: Aim, free_acceleration: bool, allow_reverse: bool, stages: int, explain: bool
+) -> Trajectory:
+    """Plan along a line and ride on."""
+    start_load = _check_start(line, free_acceleration)
+    windows = _windows(line, aim.rendezvous_time)
+    if windows[0].opens == 0.0 and (np.abs(line.start - line.target) < MET).all():
+        ride = sample_ride(line, 0.0, min(line.problem.horizon, windows[0].closes))
+        return to_trajectory(line, [ride], windows[0], 0.0, 0.0)
+    course = make_course(line, graded_stages(stages), free_acceleration, allow_reverse)
+    plan = _within_limits(line, course, windows, aim, start_load, 0.0)
+    if plan is None and start_load.max() > 1.0 - START_TOLERANCE:
+        plan = _within_limits(line, course, windows, aim, start_load, START_OVERSHOOT)
+    if plan is None:
+        raise _no_rendezvous(line, course, windows, aim, explain)
+    return plan
+
+
+def _within_limits(
+    line: Line, course: Course, windows: list[Window], aim: Aim, start_load: Array, overshoot: float
+) -> Trajectory | None:
+    """Search, check densely, and back off where the check finds an excess.
+
+    Args:
+        line: the problem along its line.
+        course: the same for the solver.
+        windows: where the rendezvous may be.
+        aim: what to minimise.
+        start_load: what the start brings along; more than the limits where that is more, ``(4, n)``.
+        overshoot: how much more than that is still accepted, as a fraction of the limits.
+    """
+    allowed = np.maximum(DENSE_LOAD, start_load + overshoot)
+    tightening = np.full((4, 1), FIRST_TIGHTENING)
+    guess = None
+    for attempt in range(BACK_OFFS):
+        limits = limit_table(line) * np.maximum(tightening, start_load + 0.5 * overshoot)
+        found = find_rendezvous(line, course._replace(inverse_limits=1.0 / limits), windows, aim, guess)
+        if found is None and attempt > 0:
+            return None
+        if found is None:  # it may take all there is
+            tightening = np.ones((4, 1))
+            continue
+        window, solution = found
+        manoeuvre = sample_manoeuvre(line, course, solution)
+        excess = (manoeuvre.load(line).max(axis=0) / allowed).max(axis=1, keepdims=True)
+        if (excess <= 1.0).all():
+            ride = sample_ride(line, solution.time, max(solution.time, min(line.problem.horizon, window.closes)))
+            return to_trajectory(line, [manoeuvre, ride], window, solution.time, solution.cost / line.unit**2)
+        tightening = tightening * (1.0 - BACK_OFF) / np.maximum(excess, 1.0 - BACK_OFF)
+        guess = solution.time
+    return None
+
+
+def _windows(line: Line, rendezvous_time: float | None) -> list[Window]:
+    """The intervals in which the rendezvous may be."""
+    windows = ride_windows(line)
+    usable = [window for window in windows if window.opens < line.problem.horizon]
+    if rendezvous_time is not None:
+        usable = [window for window in usable if window.opens <= rendezvous_time <= window.closes]
+    if not usable:
+        raise diagnosis.no_window(line, windows, rendezvous_time)
+    return usable
+
+
+def _no_rendezvous(line: Line, course: Course, windows: list[Window], aim: Aim, explain: bool) -> Infeasible:
+    """Why the windows hold no rendezvous."""
+    if not explain:
+        return Infeasible("late", "the hand cannot be with the target while it can be ridden; explain=True says why")
+    if aim.rendezvous_time is not None:
+        return diagnosis.not_at(line, course, windows, aim.rendezvous_time)
+    return diagnosis.late(line, course, windows)
+
+
+def _check_start(line: Line, free_acceleration: bool) -> Array:
+    """Loads at the start of what the plan cannot change, ``(4, n)``."""
+    r, v, a = line.start[:, None]
+    _, *values = joint_motion(line, r, v, np.zeros(1) if free_acceleration else a, np.zeros(1))
+    load: Array = np.abs(np.stack(values, axis=1))[0] / limit_table(line)
+    load[KINDS.index("jerk")] = 0.0  # jumps at the start as it may
+    if free_acceleration:
+        load[[KINDS.index("torque"), KINDS.index("acceleration")]] = 0.0
+    kind, joint = np.unravel_index(int(load.argmax()), load.shape)
+    if load[kind, joint] > 1.0 + START_TOLERANCE:
+        raise Infeasible(
+            "start",
+            f"joint {joint + 1} starts at {load[kind, joint]:.3g} times its {KINDS[kind]} limit",
+            joint=int(joint),
+            kind=KINDS[kind],
+            ratio=float(load[kind, joint]),
+        )
+    return load

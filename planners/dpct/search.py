@@ -1,0 +1,140 @@
+"""The search for the rendezvous time: what the compiled solver is asked, from which guesses, and what if it fails."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.dpct.constraints import Course
+from planners.dpct.feasibility import Window, limit_table
+from planners.dpct.interior_point import Solution, guess_time, solve
+from planners.dpct.line import Line
+from planners.path import tabulate
+from planners.typing import Array
+
+SHORT_ENDS = (0.1, 0.5)
+"""Lengths of the outermost stages against the inner ones: where the jerk is free the acceleration jumps at the ends,
+and a jump costs half a stage."""
+
+SHORTEST = 1e-3
+"""Least rendezvous time looked for, s, where the hand does not ride with the target from the start."""
+
+SECOND = 1e-2
+"""Weight of the tracking index against the rendezvous time where the time comes first."""
+
+CAREFUL = 0.1
+"""Largest change of T in one step of a second attempt, as a fraction of it."""
+
+PROBES = 13
+"""Given rendezvous times that are tried where a free one fails."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What to minimise.
+
+    Attributes:
+        rendezvous_time: a given one, s; free when None.
+        time_weight: of the rendezvous time against the tracking index, 1/s; the time first when None.
+    """
+
+    rendezvous_time: float | None = None
+    time_weight: float | None = None
+
+
+def make_course(line: Line, durations: Array, free_acceleration: bool, allow_reverse: bool) -> Course:
+    """The line as the compiled solver wants it.
+
+    Args:
+        line: the problem along its line.
+        durations: of the stages, in any unit, ``(N,)``.
+        free_acceleration: whether the planner chooses the acceleration at time 0.
+        allow_reverse: whether the hand may move against the line; it always may where its start or the target does.
+    """
+    horizon = line.problem.horizon
+    where, speeds, _ = line.target_at(np.linspace(0.0, horizon, 17))
+    places = np.append(where, 0.0)
+    spread = float(np.ptp(places))
+    margin = 0.5 * spread + 0.1 * (line.arm.reach if line.moving else line.unit)
+    low, high = max(line.low, float(places.min()) - margin), min(line.high, float(places.max()) + margin)
+    table = tabulate(line.path, line.arm, low, high)
+    forced_back = line.start[1] < -1e-6 or (line.start[2] < -1e-6 and not free_acceleration) or speeds.min() < -1e-6
+    return Course(
+        target=line.target,
+        start=line.start,
+        free_acceleration=free_acceleration,
+        table_start=table.start,
+        table_step=table.step,
+        table=table.nodes,
+        inverse_limits=1.0 / limit_table(line),
+        low=low,
+        high=high,
+        slowest=-math.inf if allow_reverse or forced_back else 0.0,
+        speed=spread / horizon or 1.0,
+        durations=durations / durations.sum(),
+        error_bounds=np.full((len(durations), 2), math.inf),
+    )
+
+
+def graded_stages(stages: int) -> Array:
+    """Durations of stages that are short at both ends, ``(stages,)``."""
+    durations = np.ones(stages)
+    durations[: len(SHORT_ENDS)] = SHORT_ENDS
+    durations[-len(SHORT_ENDS) :] = SHORT_ENDS[::-1]
+    return durations
+
+
+def find_rendezvous(
+    line: Line, course: Course, windows: list[Window], aim: Aim, guess: float | None = None
+) -> tuple[Window, Solution] | None:
+    """The best rendezvous in the first window that has one before the horizon; None if none has."""
+    for window in windows:
+        low, high = max(window.opens, SHORTEST), min(window.closes, line.problem.horizon)
+        if aim.rendezvous_time is not None:
+            low = high = aim.rendezvous_time
+        if low <= high:
+            solution = _optimum(line, course, low, high, aim, guess)
+            if solution is not None:
+                return window, solution
+    return None
+
+
+def meets_at(course: Course, time: float) -> Solution | None:
+    """The motion of least tracking index to a rendezvous at a given time, s; None if there is none."""
+    _, cost = guess_time(course, time, time)
+    solution = solve(course, time, time, time, 0.0, 1.0 / cost)
+    return solution if solution.converged else None
+
+
+def _optimum(line: Line, course: Course, low: float, high: float, aim: Aim, guess: float | None) -> Solution | None:
+    """The optimum over ``[low, high]``; with more care where the first attempt fails."""
+    if low == high:
+        return meets_at(course, low)
+    first, cost = guess_time(course, low, high)
+    if aim.time_weight is None:
+        weights = 1.0 / first, SECOND / cost
+    else:
+        scale = aim.time_weight * first + cost / line.unit**2
+        weights = aim.time_weight / scale, 1.0 / (line.unit**2 * scale)
+    # an infeasible time is a bad place to start from, so rather too late
+    solution = solve(course, guess or min(1.5 * first, 0.5 * (first + high)), low, high, *weights)
+    if not solution.converged:
+        solution = solve(course, 0.5 * (low + high), low, high, *weights, CAREFUL)
+    return solution if solution.converged else _bisect(course, low, high)
+
+
+def _bisect(course: Course, low: float, high: float) -> Solution | None:
+    """The earliest rendezvous among given times: probes of the interval, then halves of what is left."""
+    best = None
+    for time in low + (high - low) * np.linspace(0.0, 1.0, PROBES) ** 2:
+        best = meets_at(course, float(time))
+        if best is not None:
+            break
+        low = float(time)
+    while best is not None and best.time - low > 1e-4 * best.time:
+        middle = 0.5 * (low + best.time)
+        earlier = meets_at(course, middle)
+        low, best = (middle, best) if earlier is None else (low, earlier)
+    return best

@@ -1,0 +1,124 @@
+"""`planarm benchmark` from its options to the leaderboard and the JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents import benchmark
+from agents.benchmark import BenchmarkOptions, run
+from planners import dpct
+
+SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random")}
+
+
+def document(path: Path) -> dict[str, Any]:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    content: dict[str, Any] = json.loads(path.read_text(), parse_constant=refuse)
+    return content
+
+
+def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "new" / "leaderboard.json"
+    assert run(BenchmarkOptions(**SMALL, seed=7, json=path)) == 0
+    out = capsys.readouterr().out
+    assert "ConveyorTrack-v0: 3 episodes" in out
+    assert "ConveyorTrack-v0/paper: 1 episode" in out
+    content = document(path)
+    assert content["complete"] is True
+    assert content["versions"].keys() >= {"planarm", "python", "numpy", "numba", "pymunk", "gymnasium", "scipy"}
+    assert content["machine"]["cpus"] >= 1
+    assert content["command"].startswith("planarm")
+    assert content["config"]["seed"] == 7
+    assert [[policy["policy"] for policy in task["policies"]] for task in content["results"]] == [
+        ["dpct", "random"]
+    ] * 2
+    drawn, paper = content["results"]
+    dpct_episodes, random_episodes = (policy["episodes"] for policy in drawn["policies"])
+    assert dpct_episodes["seed"] == random_episodes["seed"] == [7, 8, 9]
+    assert random_episodes["settling_time"] == [None] * 3
+    wanted = agents.evaluate("dpct", "ConveyorTrack-v0", [7, 8, 9])
+    assert dpct_episodes["settling_time"] == wanted.metrics["settling_time"].tolist()
+    assert dpct_episodes["return"] == wanted.returns.tolist()
+    assert paper["options"] == {"scenario": "paper"}
+    assert paper["published"]["settling_time"] == 1.10
+
+
+def test_the_bound_is_the_optimum_of_each_start(tmp_path: Path) -> None:
+    path = tmp_path / "leaderboard.json"
+    options = {**SMALL, "policies": ("dpct",)}
+    assert run(BenchmarkOptions(**options, tasks=("ConveyorTrack-v0",), json=path)) == 0
+    (task,) = document(path)["results"]
+    env = gym.make("ConveyorTrack-v0")
+    wanted = []
+    for seed in range(2):
+        env.reset(seed=seed)
+        problem = env.unwrapped.motion_problem()  # type: ignore[attr-defined]
+        wanted.append(dpct.settling_bound(problem, 1e-3, 2e-3, 0.02))
+    assert task["bound"] == {"seeds": [0, 1], "settling_time": wanted}
+    settled = task["policies"][0]["episodes"]["settling_time"][:2]
+    assert all(time >= bound for time, bound in zip(settled, wanted, strict=True))
+    assert task["policies"][0]["summary"]["above_bound"]["value"] == pytest.approx(
+        np.median(np.subtract(settled, wanted))
+    )
+
+
+def test_ctrl_c_keeps_what_is_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(policy: str, env_id: str, seeds: Any, **kwargs: Any) -> Any:
+        if policy == "random" and len(seeds) > benchmark.WARM_UP:
+            raise KeyboardInterrupt
+        return agents.evaluate(policy, env_id, seeds, **kwargs)
+
+    monkeypatch.setattr(benchmark, "evaluate", interrupted)
+    path = tmp_path / "leaderboard.json"
+    assert run(BenchmarkOptions(**SMALL, json=path)) == 130
+    captured = capsys.readouterr()
+    assert "interrupted" in captured.err
+    assert "|dpct" in captured.out
+    assert "|random" not in captured.out
+    content = document(path)
+    assert content["complete"] is False
+    assert [policy["policy"] for policy in content["results"][0]["policies"]] == ["dpct"]
+
+
+def test_ctrl_c_that_a_callback_swallows_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def swallowing(policy: str, env_id: str, seeds: Any, **kwargs: Any) -> Any:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return agents.evaluate(policy, env_id, seeds, **kwargs)
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(benchmark, "evaluate", swallowing)
+    assert run(BenchmarkOptions(**SMALL)) == 130
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("policies: [dpct, folower]\ntasks: [{env: ConveyorTrack-v0}]", 'did you mean "follower"'),
+        ("policies: [dpct]\ntasks: [{env: ConveyrTrack-v0}]", 'did you mean "ConveyorTrack-v0"'),
+        ("policies: [dpct]\ntasks: [{env: ConveyorTrack-v0, env_config: {paylod: 1}}]", 'did you mean "payload"'),
+        ("policies: [dpct]\ntasks: [{env: ConveyorTrack-v0, options: {belt_speed: 9}}]", "no motion"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, complaint: str
+) -> None:
+    monkeypatch.setattr(benchmark, "evaluate", lambda *args, **kwargs: pytest.fail("an episode was run"))
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"episodes: 1\nbound_episodes: 0\n{text}\n")
+    with pytest.raises(ValueError, match=complaint):
+        run(BenchmarkOptions(config=str(path)))

@@ -1,0 +1,79 @@
+"""Experiments: the shipped ones are valid, and what is wrong in others is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from agents.benchmark import BenchmarkOptions
+from agents.experiment import BenchmarkConfig, load_experiment, shipped_experiments
+
+GOOD = "episodes: 3\nbound_episodes: 1\npolicies: [follower]\ntasks:\n  - env: ConveyorTrack-v0\n"
+
+
+@pytest.fixture
+def experiment(tmp_path: Path) -> Path:
+    return tmp_path / "mine.yaml"
+
+
+def test_the_shipped_benchmark_is_valid() -> None:
+    assert "benchmark" in shipped_experiments()
+    config = load_experiment("benchmark", BenchmarkConfig)
+    assert config.policies == ("dpct", "follower", "random")
+    paper = config.tasks[1]
+    assert paper.options == {"scenario": "paper"}
+    assert paper.published is not None
+    assert paper.published.settling_time == 1.10
+
+
+def test_a_path_is_read(experiment: Path) -> None:
+    experiment.write_text(GOOD)
+    config = load_experiment(str(experiment), BenchmarkConfig)
+    assert (config.episodes, config.seed, config.tasks[0].title) == (3, 0, "ConveyorTrack-v0")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (GOOD + "sede: 3\n", 'unknown .* "sede"; did you mean "seed"'),
+        (GOOD + "    optoins: {}\n", 'unknown task setting "optoins"; did you mean "options"'),
+        (GOOD + "    published: {sourc: x, settling_time: 1}\n", '"sourc"; did you mean "source"'),
+        (GOOD.replace("episodes: 3", "episodes: 0"), "episodes = 0"),
+        (GOOD.replace("policies: [follower]", "policies: []"), "policies"),
+        ("episodes: [", "is no YAML"),
+        ("- 3", "must hold names and values"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said(experiment: Path, text: str, complaint: str) -> None:
+    experiment.write_text(text)
+    with pytest.raises(ValueError, match=complaint):
+        load_experiment(str(experiment), BenchmarkConfig)
+
+
+def test_missing_files_and_unknown_names(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot read"):
+        load_experiment(str(tmp_path / "none.yaml"), BenchmarkConfig)
+    with pytest.raises(ValueError, match='did you mean "benchmark"'):
+        load_experiment("benchmrak", BenchmarkConfig)
+
+
+def test_the_command_line_changes_the_experiment() -> None:
+    options = BenchmarkOptions(episodes=2, seed=9, policies=("random",), tasks=("ConveyorTrack-v0/paper",), lanes=1)
+    config = options.resolve()
+    assert (config.episodes, config.seed, config.policies, config.lanes) == (2, 9, ("random",), 1)
+    assert [task.title for task in config.tasks] == ["ConveyorTrack-v0/paper"]
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (BenchmarkOptions(tasks=("ConveyorTrack",)), 'did you mean "ConveyorTrack-v0"'),
+        (BenchmarkOptions(episodes=0), "episodes = 0"),
+        (BenchmarkOptions(seed=-1), "seed = -1"),
+        (BenchmarkOptions(policies=()), "policies"),
+    ],
+)
+def test_what_is_wrong_on_the_command_line_is_said(options: BenchmarkOptions, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        options.resolve()

@@ -1,0 +1,102 @@
+"""The table, from results made by hand."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from agents.evaluation import Evaluation, Timing
+from agents.experiment import BenchmarkTask, Published
+from agents.leaderboard import TaskResult, as_document, print_leaderboard, summary
+
+
+def evaluation(policy: str, success: list[bool], settling_time: list[float], returns: list[float]) -> Evaluation:
+    n = len(success)
+    return Evaluation(
+        policy=policy,
+        env_id="ConveyorTrack-v0",
+        seeds=np.arange(n),
+        returns=np.array(returns),
+        lengths=np.full(n, 150),
+        metrics={
+            "is_success": np.array(success),
+            "settling_time": np.array(settling_time),
+            "steady_state_error": np.full(n, 2e-4),
+            "limit_ratio": np.array([1.0, 1.01, 1.019, 1.021][:n]),
+        },
+        timing=Timing(lane_steps=600, plans=4, planning_seconds=0.02, policy_seconds=0.0012, env_seconds=0.003),
+    )
+
+
+@pytest.fixture
+def result() -> TaskResult:
+    task = BenchmarkTask(
+        env="ConveyorTrack-v0", published=Published(source="Somebody, 1992", settling_time=1.1, note="Of its own.")
+    )
+    return TaskResult(
+        task,
+        np.arange(4),
+        [
+            evaluation("late", [True] * 4, [2.0, 2.2, 2.4, 2.6], [0.5] * 4),
+            evaluation("lost", [False] * 4, [np.inf] * 4, [9.0] * 4),
+            evaluation("soon", [True] * 4, [1.0, 1.2, 1.4, 1.6], [1.5] * 4),
+        ],
+        bounds=np.array([0.9, np.inf, 1.0]),
+    )
+
+
+def printed(result: TaskResult, *, terminal: bool, width: int = 80) -> str:
+    file = io.StringIO()
+    print_leaderboard(Console(file=file, width=width, force_terminal=terminal, color_system=None), result)
+    return file.getvalue()
+
+
+def test_summary_in_numbers(result: TaskResult) -> None:
+    estimates = summary(result, result.evaluations[0])
+    assert estimates["success"].value == 1.0
+    assert estimates["settling_time"].value == pytest.approx(2.3)
+    assert estimates["limit_broken"].value == 0.25
+    # Seeds 0 and 2: the bound of seed 1 is infinite, seed 3 has none.
+    assert estimates["above_bound"].value == pytest.approx(np.median([2.0 - 0.9, 2.4 - 1.0]))
+
+
+def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:
+    text = printed(result, terminal=False)
+    rows = [
+        [cell.strip() for cell in line.strip("| ").split("|")] for line in text.splitlines() if line.startswith("|")
+    ]
+    table = {row[0]: dict(zip(rows[0], row, strict=False)) for row in rows[2:]}
+    assert list(table) == ["soon", "late", "lost", "bound", "paper"]  # success first, the return second
+    assert table["soon"]["success (%)"] == "100 (51-100)"
+    assert table["soon"]["settled (s)"] == "1.300"
+    assert table["soon"]["error (mm)"] == "0.200"
+    assert table["soon"]["broken (%)"] == "25"
+    assert table["soon"]["plan (ms)"] == "5.000"
+    assert table["soon"]["step (us)"] == "2.000"
+    assert table["lost"]["settled (s)"] == table["lost"]["over bound"] == "never"
+    assert table["bound"]["settled (s)"] == "1.000"
+    assert table["paper"]["settled (s)"] == "1.100"
+    assert "the environment takes 5.0 us" in text
+    assert "(the first 3)" in text
+    assert "Somebody, 1992. Of its own." in text
+
+
+def test_eighty_columns_show_every_cell(result: TaskResult) -> None:
+    text = printed(result, terminal=True)
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+    for cell in ("1.300", "0.200", "never", "5.000", "2.000", "1.100"):
+        assert cell in text
+
+
+def test_document_holds_every_episode(result: TaskResult) -> None:
+    document = as_document(result)
+    soon = document["policies"][2]
+    np.testing.assert_array_equal(soon["episodes"]["settling_time"], [1.0, 1.2, 1.4, 1.6])
+    assert soon["episodes"].keys() == {"seed", "return", "length", *result.evaluations[2].metrics}
+    assert soon["timing"]["planning_ms"] == pytest.approx(5.0)
+    assert document["bound"]["seeds"].tolist() == [0, 1, 2]
+    assert document["published"]["settling_time"] == 1.1

@@ -1,0 +1,105 @@
+"""`planarm rollout`: the episode it tells of, and the files it writes."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled
+from PIL import Image
+
+import agents
+from agents.recording import Film
+from agents.rollout import RolloutOptions, play, run
+
+ENV_ID = "ConveyorTrack-v0"
+
+
+def test_the_episode_is_the_evaluators() -> None:
+    info = play(gym.make(ENV_ID, control_mode="jerk"), "dpct", 3, {})
+    evaluation = agents.evaluate("dpct", ENV_ID, [3], env_config={"control_mode": "jerk"})
+    assert info["return"] == evaluation.returns[0]
+    assert info["settling_time"] == evaluation.metrics["settling_time"][0]
+
+
+def test_the_info_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper")) == 0
+    out = capsys.readouterr().out
+    for key in ("return", "is_success", "settling_time", "limit_ratios", "jerk"):
+        assert key in out
+
+
+def test_gif_lasts_as_long_as_the_episode(tmp_path: Path) -> None:
+    path = tmp_path / "films" / "episode.gif"
+    run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper", record=path, fps=2, width=201))
+    with Image.open(path) as film:
+        assert film.size == (200, 134)
+        assert film.n_frames == 7  # type: ignore[attr-defined]
+        durations = []
+        for frame in range(7):
+            film.seek(frame)
+            durations.append(film.info["duration"])
+    assert durations == [500] * 6 + [2000]
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_png_is_the_last_frame(tmp_path: Path) -> None:
+    path = tmp_path / "episode.png"
+    run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper", record=path, width=960))
+    env = gym.make(ENV_ID, render_mode="rgb_array")
+    play(env, "follower", 0, {"scenario": "paper"})
+    with Image.open(path) as picture:
+        np.testing.assert_array_equal(np.asarray(picture), env.render())
+
+
+def test_mp4_can_be_read(tmp_path: Path) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "episode.mp4"
+    run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper", record=path, fps=5, width=320))
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert frames == 16
+    assert seconds == pytest.approx(16 / 5)
+
+
+def test_a_film_takes_the_frames_that_are_due() -> None:
+    film = Film(fps=20, width=64)
+    taken: list[float] = []
+
+    def picture(time: float) -> Any:
+        taken.append(time)
+        return np.zeros((64, 64, 3), np.uint8)
+
+    for step in range(11):
+        film.take(step / 50.0, lambda now=step / 50.0: picture(now), last=step == 10)  # type: ignore[misc]
+    assert taken == [0.0, 0.06, 0.1, 0.16, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"env": "ConveyerTrack-v0"}, 'did you mean "ConveyorTrack-v0"'),
+        ({"policy": "folower"}, 'did you mean "follower"'),
+        ({"seed": -1}, "seed -1"),
+        ({"record": Path("film.avi")}, r"\.gif, \.mp4, \.png"),
+        ({"record": Path("film.gif"), "fps": 0}, "fps 0"),
+        ({"record": Path("film.gif"), "width": 3}, "width 3"),
+        ({"record": Path("film.gif"), "render": True}, "--render"),
+    ],
+)
+def test_what_is_wrong_is_said(options: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        run(RolloutOptions(**{"env": ENV_ID, **options}))
+
+
+@pytest.mark.parametrize(("suffix", "module", "extra"), [(".gif", "PIL", "viz"), (".mp4", "imageio_ffmpeg", "video")])
+def test_a_missing_library_is_named_with_its_extra(
+    monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == module else find(name))
+    with pytest.raises(DependencyNotInstalled, match=rf"planarm\[{extra}\]"):
+        run(RolloutOptions(env=ENV_ID, record=Path(f"film{suffix}")))
