@@ -234,21 +234,29 @@ class FollowerExpert(Expert):
 
 
 class RandomExpert(Expert):
-    """Uniformly random actions, from a generator of its own whose state travels with the episode.
+    """Uniformly random actions.
+
+    They are drawn by hashing the observation, so that an episode is the same in whatever batch it is run.
 
     Args:
         task: the environment's task.
-        seed: of the generator.
+        seed: of the constants of the hash.
     """
 
     def __init__(self, task: Task, seed: int = 0) -> None:
         super().__init__(task)
-        self._seed = seed
+        generator = np.random.default_rng(seed)
+        shape = (task.layout.size, task.arm.n_joints)
+        self._multipliers = generator.integers(0, 2**64, shape, dtype=np.uint64, endpoint=False) | np.uint64(1)
 
-    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, int]:
-        calls = 0 if state is None else int(state)
-        generator = np.random.default_rng([self._seed, calls])
-        return generator.uniform(-1.0, 1.0, (len(observations), self.task.arm.n_joints)), calls + 1
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
+        words = np.ascontiguousarray(observations, dtype=np.float32).view(np.uint32).astype(np.uint64)
+        bits = (words[:, :, None] * self._multipliers).sum(axis=1, dtype=np.uint64)
+        # The finaliser of splitmix64 spreads every bit over all others.
+        for shift, multiplier in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+            bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(multiplier)
+        bits ^= bits >> np.uint64(31)
+        return 2.0 * (bits >> np.uint64(11)).astype(np.float64) / 2.0**53 - 1.0, ()
 
 
 EXPERTS: dict[str, Callable[[Task], Expert]] = {

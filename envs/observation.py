@@ -80,7 +80,7 @@ class Layout:
                 f"observation of shape {values.shape}; this layout has {self.size} elements in its last axis"
             )
         physical = values * self.scales
-        return {entry.name: physical[..., place] for entry, place in self.slices()}
+        return {entry.name: np.ascontiguousarray(physical[..., place]) for entry, place in self.slices()}
 
     def table(self) -> str:
         """The layout as a Markdown table."""

@@ -61,7 +61,8 @@ def plan_optimal(
 
     The hand keeps to the target's line (a fixed target in joint angles: to the straight joint path). After the
     rendezvous it moves exactly with the target until the horizon, or until riding on would break a limit
-    (``rides_until``).
+    (``rides_until``). Small deviations of the start, such as an observation's rounding, are left to the tracking
+    control: up to 1e-4 m and m/s across the line, and up to 1e-6 m and m/s along it where the hand already rides.
 
     Args:
         problem: the motion asked for.

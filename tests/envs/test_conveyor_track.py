@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import scipy.stats
 
 import envs
 from envs.conveyor_starts import AXES, Demands, Start, problem_of, why_unsolvable
@@ -239,11 +240,26 @@ class TestExpert:
     def test_actions_of_a_batch_equal_those_of_one(self) -> None:
         vector = gym.make_vec(ENV_ID, num_envs=4)
         observations, _ = vector.reset(seed=0)
-        for name in ("dpct", "follower"):
+        for name in ("dpct", "follower", "random"):
             batch, _ = envs.make_expert(name, vector).predict(observations)
             for lane in range(4):
                 alone, _ = envs.make_expert(name, vector).predict(observations[lane])
                 np.testing.assert_array_equal(batch[lane], alone)
+
+    def test_random_actions_are_uniform_and_uncorrelated(self) -> None:
+        vector = gym.make_vec(ENV_ID, num_envs=200)
+        expert = envs.make_expert("random", vector)
+        observations, _ = vector.reset(seed=0)
+        actions = []
+        for _ in range(100):
+            action, _ = expert.predict(observations)
+            observations, *_ = vector.step(action)
+            actions.append(action)
+        drawn = np.array(actions)
+        for joint in range(2):
+            assert scipy.stats.kstest(drawn[..., joint].ravel(), "uniform", (-1.0, 2.0)).pvalue > 1e-3
+        assert abs(np.corrcoef(drawn[1:].ravel(), drawn[:-1].ravel())[0, 1]) < 0.02
+        assert abs(np.corrcoef(drawn[..., 0].ravel(), drawn[..., 1].ravel())[0, 1]) < 0.02
 
     def test_motion_problem_is_read_from_the_observation(self) -> None:
         env = made()

@@ -71,8 +71,8 @@ def assert_sound(problem: MotionProblem, plan: Trajectory) -> None:
     assert plan.limit_ratio <= 1.0
     for kind, ratio in worst_ratios(problem, plan).items():
         assert ratio <= 1.0 + 1e-4, kind  # differences of interpolated samples are good to this
-        if plan.rendezvous_time > 0.2:  # else the motion is too short for these differences
-            assert ratio == pytest.approx(plan.limit_ratios[kind], abs=0.02), kind
+        if plan.rendezvous_time > 0.2:  # differences see a long enough motion, all but its shortest peaks
+            assert ratio == pytest.approx(plan.limit_ratios[kind], abs=0.1), kind
     np.testing.assert_allclose(plan.q[0], problem.q, atol=5e-6)  # up to 1e-6 m from the part counts as with it
     np.testing.assert_allclose(plan.qd[0], problem.start[1], atol=5e-6)
 
