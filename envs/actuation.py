@@ -28,6 +28,7 @@ def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("qdd", "f8", (n_joints,)),
         ("commanded_qdd", "f8", (n_joints,)),
         ("limit_ratios", "f8", (len(LIMIT_KINDS),)),
+        ("peak_torque", "f8"),
     ]
 
 
@@ -92,6 +93,7 @@ def apply_action(lane: Any, model: Any, action: Array) -> float:
     advance(lane, model, lane.tau)
     for i in range(n):
         lane.qdd[i] = (lane.qd[i] - speed_before[i]) / model.control_period
+        lane.peak_torque = max(lane.peak_torque, abs(lane.tau[i]))
     return watch_limits(lane, model, acceleration_before)
 
 

@@ -9,7 +9,7 @@ from numba import njit
 
 from envs import chipmunk
 from envs.actuation import apply_action
-from envs.world import place_arm
+from envs.lane import begin_episode, finish_observation, limit_cost, sum_reward
 from planners.kinematics import hand_state_lane, two_link_branch
 
 LINE_LENGTH = 0.5
@@ -31,7 +31,6 @@ LANE_FIELDS: list[tuple[Any, ...]] = [
     ("velocity_error", "f8"),
     ("steady_state_error", "f8"),
     ("lq_cost", "f8"),
-    ("peak_torque", "f8"),
 ]
 """What a lane's record holds for this task, beside what every task has."""
 
@@ -51,18 +50,10 @@ def reset_lane(lanes: Any, model: Any, index: int, elbow: float) -> None:
     lane, shared = lanes[index], model[0]
     dx, dy = lane.hand[0] - shared.base[0], lane.hand[1] - shared.base[1]
     lane.q[0], lane.q[1] = two_link_branch(shared.lengths[0], shared.lengths[1], dx, dy, elbow)
-    lane.qd[:] = 0.0
-    lane.qdd[:] = 0.0
-    lane.tau[:] = 0.0
-    lane.commanded_qdd[:] = 0.0
-    lane.limit_ratios[:] = 0.0
-    lane.reward_terms[:] = 0.0
-    lane.reward = 0.0
-    lane.terminated = lane.truncated = lane.success = False
-    lane.step = lane.settled_steps = 0
-    lane.steady_state_error = lane.lq_cost = lane.peak_torque = 0.0
+    begin_episode(lane, shared)
+    lane.settled_steps = 0
+    lane.steady_state_error = lane.lq_cost = 0.0
     lane.belt_start[:] = lane.part_position
-    place_arm(lane, shared)
     chipmunk.body_set_position(lane.part, lane.part_position[0], lane.part_position[1])
     hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
     _measure_errors(lane)
@@ -85,8 +76,6 @@ def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
         _measure_errors(lane)
         lane.step += 1
         lane.lq_cost += 0.5 * shared.control_period * (cost_rate_before + _lq_cost_rate(lane))
-        for torque in lane.tau:
-            lane.peak_torque = max(lane.peak_torque, abs(torque))
         lane.settled_steps = lane.settled_steps + 1 if _error_in_tolerances(lane, shared) <= 1.0 else 0
         if lane.step > shared.horizon_steps - shared.hold_steps:
             lane.steady_state_error = max(lane.steady_state_error, lane.error)
@@ -94,8 +83,8 @@ def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
         lane.truncated = lane.step >= shared.horizon_steps
         lane.reward_terms[0] = _progress(lane, shared) - progress_before
         lane.reward_terms[1] = (lane.settled_steps - settled_before) / shared.horizon_steps
-        lane.reward_terms[2] = 0.0 - shared.limit_penalty * _excess(worst_ratio, shared.limit_tolerance)
-        lane.reward = lane.reward_terms[0] + lane.reward_terms[1] + lane.reward_terms[2]
+        lane.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
+        sum_reward(lane)
         _observe(lane, shared)
 
 
@@ -139,12 +128,6 @@ def _progress(lane: Any, shared: Any) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _excess(ratio: float, tolerance: float) -> float:
-    """0 where the limits are kept, 1 to 2 where one is broken."""
-    return 0.0 if ratio <= 1.0 + tolerance else 1.0 + min(1.0, ratio - 1.0)
-
-
-@njit(cache=True, nogil=True)
 def _lq_cost_rate(lane: Any) -> float:
     """Integrand of eq 18, with lengths in units of the paper's path."""
     squares = lane.error * lane.error + lane.velocity_error * lane.velocity_error
@@ -153,18 +136,16 @@ def _lq_cost_rate(lane: Any) -> float:
 
 @njit(cache=True, nogil=True)
 def _observe(lane: Any, shared: Any) -> None:
-    """Write the observation: the entries of `LAYOUT`, in its order."""
-    out = lane.observation
-    for axis in range(2):
-        out[axis] = lane.q[axis] / shared.scales[axis]
-        out[2 + axis] = lane.qd[axis] / shared.scales[2 + axis]
-        out[4 + axis] = lane.qdd[axis] / shared.scales[4 + axis]
-        out[6 + axis] = (lane.hand[axis] - shared.base[axis]) / shared.scales[6 + axis]
-        out[8 + axis] = (lane.part_position[axis] - shared.base[axis]) / shared.scales[8 + axis]
-        out[10 + axis] = (lane.part_position[axis] - lane.hand[axis]) / shared.scales[10 + axis]
-        out[12 + axis] = lane.part_velocity[axis] / shared.scales[12 + axis]
-        out[14 + axis] = lane.part_acceleration[axis] / shared.scales[14 + axis]
-    out[16] = (shared.horizon_steps - lane.step) * shared.control_period / shared.scales[16]
-    out[17] = lane.settled_steps / shared.horizon_steps
-    for element in range(out.shape[0]):
-        out[element] = min(shared.bounds[element], max(-shared.bounds[element], out[element]))
+    """Write the observation: the entries of the layout, in its order."""
+    seen = lane.seen
+    seen[0:2] = lane.q
+    seen[2:4] = lane.qd
+    seen[4:6] = lane.qdd
+    seen[6:8] = lane.hand - shared.base
+    seen[8:10] = lane.part_position - shared.base
+    seen[10:12] = lane.part_position - lane.hand
+    seen[12:14] = lane.part_velocity
+    seen[14:16] = lane.part_acceleration
+    seen[16] = (shared.horizon_steps - lane.step) * shared.control_period
+    seen[17] = lane.settled_steps / shared.horizon_steps
+    finish_observation(lane, shared)

@@ -99,14 +99,14 @@ class _Tracking:
 
     Attributes:
         q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
-        first: step of the episode at which the plan begins, ``(lanes,)``.
+        begun: control periods that were left when the plan was made, ``(lanes,)``.
         last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
-        due: step of the episode that the next observation should show, ``(lanes,)``.
+        due: control periods that the next observation should leave, ``(lanes,)``.
     """
 
     q: Array
     qd: Array
-    first: NDArray[np.int64]
+    begun: NDArray[np.int64]
     last: NDArray[np.int64]
     due: NDArray[np.int64]
 
@@ -125,14 +125,14 @@ class PlanningExpert(Expert):
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
         seen = self.task.layout.parse(observations)
-        step = self._step(seen)
+        left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period).astype(np.int64)
         tracking = cast(_Tracking | None, state)
         if tracking is None or len(tracking.due) != len(observations):
             tracking = self._nothing(len(observations))
-        anew = starts | (tracking.due != step)
+        anew = starts | (tracking.due != left)
         if anew.any():
-            tracking = self._replan(observations, tracking, step, anew)
-        lanes, sample = np.arange(len(observations)), step - tracking.first
+            tracking = self._replan(observations, tracking, left, anew)
+        lanes, sample = np.arange(len(observations)), tracking.begun - left
         now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
         qdd = tracking_acceleration(
             seen["joint_position"],
@@ -145,12 +145,7 @@ class PlanningExpert(Expert):
         braking = sample >= tracking.last
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
-        return self._action_for(seen, qdd), replace(tracking, due=step + 1)
-
-    def _step(self, seen: dict[str, Array]) -> NDArray[np.int64]:
-        """Step of the episode that each observation shows, ``(lanes,)``."""
-        left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period)
-        return self.task.horizon_steps - left.astype(np.int64)
+        return self._action_for(seen, qdd), replace(tracking, due=left - 1)
 
     def _nothing(self, n_lanes: int) -> _Tracking:
         samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
@@ -158,9 +153,9 @@ class PlanningExpert(Expert):
         return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, zero - 1)
 
     def _replan(
-        self, observations: Observation, old: _Tracking, step: NDArray[np.int64], anew: NDArray[np.bool_]
+        self, observations: Observation, old: _Tracking, left: NDArray[np.int64], anew: NDArray[np.bool_]
     ) -> _Tracking:
-        new = _Tracking(old.q.copy(), old.qd.copy(), np.where(anew, step, old.first), old.last.copy(), old.due)
+        new = _Tracking(old.q.copy(), old.qd.copy(), np.where(anew, left, old.begun), old.last.copy(), old.due)
         period = self.task.config.control_period
         for lane in np.flatnonzero(anew):
             plan = self._plan(self.task.motion_problem(observations[lane]))

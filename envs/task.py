@@ -77,6 +77,7 @@ class Task(ABC):
         self.horizon_steps = self._whole_periods("horizon", config.horizon)
         common: Fields = [
             ("action", "f8", (n,)),
+            ("seen", "f8", (self.layout.size,)),
             ("observation", "f4", (self.layout.size,)),
             ("reward_terms", "f8", (len(self.reward_terms),)),
             ("reward", "f8"),
