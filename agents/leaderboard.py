@@ -19,7 +19,7 @@ from agents.experiment import BenchmarkTask
 from agents.statistics import Estimate
 from planners.typing import Array
 
-LIMIT_TOLERANCE = 0.02
+LIMIT_TOLERANCE = 0.005
 """Share by which a limit may be exceeded before an episode counts as one that breaks it."""
 
 
@@ -149,8 +149,8 @@ def _caption(result: TaskResult) -> str:
     if result.bounds is not None:
         which = "" if len(result.bounds) == len(result.seeds) else f" (the first {len(result.bounds)})"
         lines.append(
-            "Bound: settling time of the best known optimum within the same tolerances, which may begin with any "
-            f"acceleration, from the same starts{which}; over bound: settling time less the bound, s."
+            "Bound: settling time of the best known optimum within the same tolerances, from the same "
+            f"starts{which}; over bound: settling time less the bound, s."
         )
     steps = sum(evaluation.timing.lane_steps for evaluation in result.evaluations)
     env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps

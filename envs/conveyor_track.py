@@ -40,7 +40,7 @@ class ConveyorTrackConfig(TaskSettings):
     position_tolerance: float = Field(1e-3, gt=0.0)
     velocity_tolerance: float = Field(2e-3, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
-    limit_tolerance: float = Field(0.02, ge=0.0)
+    limit_tolerance: float = Field(0.005, ge=0.0)
     limit_penalty: float = Field(2.0, ge=0.0)
 
 

@@ -11,6 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, cast
 
 import gymnasium as gym
@@ -255,7 +256,7 @@ class RandomExpert(Expert):
 
 
 EXPERTS: dict[str, Callable[[Task], Expert]] = {
-    "dpct": lambda task: PlanningExpert(task, dpct.plan),
+    "dpct": lambda task: PlanningExpert(task, partial(dpct.plan, allow_reverse=True, explain=False)),
     "follower": FollowerExpert,
     "random": RandomExpert,
 }

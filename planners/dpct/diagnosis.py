@@ -105,8 +105,15 @@ def allowed_speeds(line: Line, r: Array) -> Array:
 def late(line: Line, course: Course, windows: list[Window]) -> Infeasible:
     """The target can be ridden, but the hand cannot be with it before that ends."""
     window = [window for window in windows if window.opens < line.problem.horizon][-1]
-    if window.closes > line.problem.horizon:
-        return _out_of_time(line, course, windows)
+    horizon = line.problem.horizon
+    if window.closes > horizon:
+        earliest = _earliest_ever(line, course, windows)
+        if earliest is not None:
+            return Infeasible(
+                "late",
+                f"the target cannot be met within the horizon of {horizon:.4g} s; it takes at least {earliest:.4g} s",
+                earliest=earliest,
+            )
     close = window.closes
     lag = _least(lambda shift: meets_at(_behind(course, shift), close) is not None, line.high - line.low)
     lead = _least(lambda shift: _meets_before_closing(line, course, shift), line.high - line.low)
@@ -132,16 +139,11 @@ def late(line: Line, course: Course, windows: list[Window]) -> Infeasible:
     )
 
 
-def _out_of_time(line: Line, course: Course, windows: list[Window]) -> Infeasible:
-    """The horizon ends first: how long it would take."""
-    horizon = line.problem.horizon
-    longer = replace(line, problem=replace(line.problem, horizon=20.0 * horizon))
+def _earliest_ever(line: Line, course: Course, windows: list[Window]) -> float | None:
+    """When the target could be met if the horizon were much longer, s."""
+    longer = replace(line, problem=replace(line.problem, horizon=20.0 * line.problem.horizon))
     found = find_rendezvous(longer, course, windows, Aim())
-    earliest = None if found is None else found[1].time
-    needed = "no later time is early enough either" if earliest is None else f"it takes at least {earliest:.4g} s"
-    return Infeasible(
-        "late", f"the target cannot be met within the horizon of {horizon:.4g} s; {needed}", earliest=earliest
-    )
+    return None if found is None else found[1].time
 
 
 def not_at(line: Line, course: Course, windows: list[Window], rendezvous_time: float) -> Infeasible:

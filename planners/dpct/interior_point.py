@@ -22,6 +22,7 @@ FEASIBLE, CLOSED = 1e-6, 1e-7  # largest excess of a scaled limit, largest |z_N|
 FIRST_SLACK, FIRST_GAP = 0.3, 0.03  # least slack and its product with the multiplier at the first guess
 STALL, STALLS = 0.1, 8  # so many steps in a row shorter than this mean that there is no feasible motion
 SETTLED = 1e-4  # change of T in the last step, as a fraction of it
+GUESSES = 8  # times tried for a first one
 NEARLY = 0.3  # excess of a scaled limit from which the first step goes well
 
 
@@ -55,7 +56,7 @@ def solve(
     time_high: float,
     weight_time: float,
     weight_error: float,
-    max_time_change: float = 0.3,
+    max_time_change: float = 1.0,
     max_iterations: int = 60,
     final_gap: float = 1e-7,
 ) -> Solution:
@@ -129,24 +130,30 @@ def solve(
 
 
 @njit(cache=True, nogil=True)
-def guess_time(course: Course, time_low: float, time_high: float, guesses: int = 8) -> tuple[float, float]:
-    """The first of some times at which a quintic nearly keeps the limits (or does best), and its tracking index."""
+def guess_time(course: Course, time_low: float, time_high: float) -> float:
+    """The first of some times at which a quintic nearly keeps the limits, or the one at which it does best."""
     bounded = bounded_rows(course)
     stages, rows = bounded.shape[:2]
     value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
-    best_time, best_cost, least = time_high, 1.0, np.inf
-    for guess in range(guesses):
-        fraction = (guess + 0.5) / guesses
-        time = time_low + (time_high - time_low) * fraction**2
+    best_time, least = time_high, np.inf
+    for guess in range(GUESSES):
+        time = time_low + (time_high - time_low) * ((guess + 0.5) / GUESSES) ** 2
         control = _quintic_control(course, time)
         z = roll_out(course, time, course.start[2], control)
         evaluate(course, time, 0.0, 0.0, z, control, value, gradient)
         violation = _excess(bounded, value)
         if violation < least:
-            best_time, best_cost, least = time, tracking_index(course, z, control, time), violation
+            best_time, least = time, violation
         if violation < NEARLY:
             break
-    return best_time, best_cost
+    return best_time
+
+
+@njit(cache=True, nogil=True)
+def quintic_index(course: Course, time: float) -> float:
+    """The tracking index of the quintic from the start to a rendezvous at a time."""
+    control = _quintic_control(course, time)
+    return tracking_index(course, roll_out(course, time, course.start[2], control), control, time)
 
 
 @njit(cache=True, nogil=True)

@@ -158,7 +158,7 @@ def _within_limits(
             continue
         window, solution = found
         manoeuvre = sample_manoeuvre(line, course, solution)
-        excess = (manoeuvre.load(line).max(axis=0) / allowed).max(axis=1, keepdims=True)
+        excess = (manoeuvre.peak_load(line) / allowed).max(axis=1, keepdims=True)
         if (excess <= 1.0).all():
             ride = sample_ride(line, solution.time, max(solution.time, min(line.problem.horizon, window.closes)))
             return to_trajectory(line, [manoeuvre, ride], window, solution.time, solution.cost / line.unit**2)

@@ -35,11 +35,24 @@ class Motion(NamedTuple):
         """|value| / limit of torque, velocity, acceleration and jerk, ``(samples, 4, n)``."""
         return np.abs(np.stack([self.tau, self.qd, self.qdd, self.jerk], axis=1)) / limit_table(line)
 
+    def peak_load(self, line: Line) -> Array:
+        """The largest loads, ``(4, n)``, with the peaks between samples by parabolas through three neighbours."""
+        load = self.load(line)
+        peak: Array = load.max(axis=0)
+        steps = np.diff(self.t)
+        triples = np.flatnonzero(np.abs(np.diff(steps)) < 1e-6 * steps[1:])  # of one stage
+        left, middle, right = load[triples], load[triples + 1], load[triples + 2]
+        curvature, slope = 2.0 * middle - left - right, right - left
+        vertex = np.abs(slope) <= 2.0 * curvature  # a maximum within the three
+        rise = np.divide(slope**2, 8.0 * curvature, out=np.zeros_like(middle), where=vertex & (curvature > 0.0))
+        np.maximum(peak, (middle + rise).max(axis=0, initial=0.0), out=peak)
+        return peak
+
 
 def sample_manoeuvre(line: Line, course: Course, solution: Solution) -> Motion:
     """The motion up to the rendezvous."""
     durations = course.durations * solution.time
-    parts = np.ceil(durations / DENSE_STEP).astype(int)
+    parts = np.maximum(np.ceil(durations / DENSE_STEP).astype(int), 2)
     stage = np.repeat(np.arange(len(durations)), parts + 1)
     part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
     s = durations[stage] * (part / parts[stage])
@@ -65,7 +78,7 @@ def sample_ride(line: Line, begin: float, end: float) -> Motion:
 
 def to_trajectory(line: Line, motions: list[Motion], window: Window, rendezvous: float, cost: float) -> Trajectory:
     """Motions that follow each other, as one trajectory with its worst loads."""
-    load = np.concatenate([motion.load(line) for motion in motions]).max(axis=(0, 2))
+    load = np.max([motion.peak_load(line) for motion in motions], axis=(0, 2))
     joined = Motion(*(np.concatenate(values) for values in zip(*motions, strict=True)))
     last_of_instant = np.append(np.diff(joined.t) > 1e-12, True)
     t, q, tau, qd, qdd, _ = (values[last_of_instant] for values in joined)

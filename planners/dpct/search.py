@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.dpct.constraints import Course
 from planners.dpct.feasibility import Window, limit_table
-from planners.dpct.interior_point import Solution, guess_time, solve
+from planners.dpct.interior_point import Solution, guess_time, quintic_index, solve
 from planners.dpct.line import Line
 from planners.path import tabulate
 from planners.typing import Array
@@ -18,14 +18,15 @@ SHORT_ENDS = (0.1, 0.5)
 """Lengths of the outermost stages against the inner ones: where the jerk is free the acceleration jumps at the ends,
 and a jump costs half a stage."""
 
-SHORTEST = 1e-3
-"""Least rendezvous time looked for, s, where the hand does not ride with the target from the start."""
+SHORTEST = 0.01
+"""Least rendezvous time looked for, s, where the hand does not ride with the target from the start: less is no longer
+told from rounding by whoever interpolates the samples."""
 
 SECOND = 1e-2
 """Weight of the tracking index against the rendezvous time where the time comes first."""
 
-CAREFUL = 0.1
-"""Largest change of T in one step of a second attempt, as a fraction of it."""
+BOLD, CAREFUL = 0.3, 0.1
+"""Largest change of T in one step of the first and of the second attempt, as a fraction of it."""
 
 PROBES = 13
 """Given rendezvous times that are tried where a free one fails."""
@@ -103,8 +104,7 @@ def find_rendezvous(
 
 def meets_at(course: Course, time: float) -> Solution | None:
     """The motion of least tracking index to a rendezvous at a given time, s; None if there is none."""
-    _, cost = guess_time(course, time, time)
-    solution = solve(course, time, time, time, 0.0, 1.0 / cost)
+    solution = solve(course, time, time, time, 0.0, 1.0 / _quintic_index(course, time))
     return solution if solution.converged else None
 
 
@@ -112,17 +112,30 @@ def _optimum(line: Line, course: Course, low: float, high: float, aim: Aim, gues
     """The optimum over ``[low, high]``; with more care where the first attempt fails."""
     if low == high:
         return meets_at(course, low)
-    first, cost = guess_time(course, low, high)
+    if guess is None:  # an infeasible time is a bad place to start from, so rather too late
+        first = guess_time(course, low, high)
+        guess = min(1.5 * first, 0.5 * (first + high))
+    for time, largest_change in ((guess, BOLD), (0.5 * (low + high), CAREFUL)):
+        weights = _weights(line, aim, time, _quintic_index(course, time))
+        solution = solve(course, time, low, high, *weights, largest_change)
+        # the very end is hardly ever the earliest time: there the steps of T may have died out too soon
+        doubtful = aim.time_weight is None and solution.time > 0.999 * high
+        if solution.converged and not doubtful:
+            return solution
+    return _bisect(course, low, high)
+
+
+def _weights(line: Line, aim: Aim, time: float, index: float) -> tuple[float, float]:
+    """Weights of T and J that make what is minimised about 1 at a first guess with these two."""
     if aim.time_weight is None:
-        weights = 1.0 / first, SECOND / cost
-    else:
-        scale = aim.time_weight * first + cost / line.unit**2
-        weights = aim.time_weight / scale, 1.0 / (line.unit**2 * scale)
-    # an infeasible time is a bad place to start from, so rather too late
-    solution = solve(course, guess or min(1.5 * first, 0.5 * (first + high)), low, high, *weights)
-    if not solution.converged:
-        solution = solve(course, 0.5 * (low + high), low, high, *weights, CAREFUL)
-    return solution if solution.converged else _bisect(course, low, high)
+        return 1.0 / time, SECOND / index
+    scale = aim.time_weight * time + index / line.unit**2
+    return aim.time_weight / scale, 1.0 / (line.unit**2 * scale)
+
+
+def _quintic_index(course: Course, time: float) -> float:
+    """The tracking index of a quintic that meets the target at a time; 1 where it is 0."""
+    return quintic_index(course, time) or 1.0
 
 
 def _bisect(course: Course, low: float, high: float) -> Solution | None:

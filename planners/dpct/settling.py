@@ -28,12 +28,14 @@ def settling_bound(
     velocity_tolerance: float,
     limit_tolerance: float = 0.0,
     stages: int = 100,
+    *,
+    free_initial_acceleration: bool = False,
 ) -> float:
     """Earliest time from which position and velocity errors can stay within tolerances, s: the best known optimum.
 
-    The hand keeps to the target's line, may choose its acceleration at time 0 and may move backwards. From the
-    settling time on it is within both tolerances, and some time later exactly with the target. An arm that leaves the
-    line may use the tolerances across it too, so this is a reference for a score and no proof.
+    The hand keeps to the target's line and may move backwards. From the settling time on it is within both tolerances,
+    and some time later exactly with the target. An arm that leaves the line may use the tolerances across it too, so
+    this is a reference for a score and no proof.
 
     Args:
         problem: with a moving target.
@@ -41,6 +43,7 @@ def settling_bound(
         velocity_tolerance: largest difference of their velocities, m/s.
         limit_tolerance: by how much every limit but the joint angles' may be exceeded, as a fraction of it.
         stages: intervals of constant jerk.
+        free_initial_acceleration: let the hand choose its acceleration at time 0, in place of the start's.
 
     Returns:
         The time, or inf if no motion settles within the horizon.
@@ -60,7 +63,7 @@ def settling_bound(
     # the exact rendezvous may come after the horizon
     line = reduce_to_line(replace(problem, limits=limits, horizon=LOOK_AHEAD * problem.horizon))
     windows = ride_windows(line)
-    course = make_course(line, graded_stages(stages), free_acceleration=True, allow_reverse=True)
+    course = make_course(line, graded_stages(stages), free_initial_acceleration, allow_reverse=True)
     tolerances = np.array([position_tolerance, velocity_tolerance])
     if (np.abs(line.start - line.target)[:2] <= tolerances).all():
         settled = course._replace(error_bounds=np.tile(tolerances, (stages, 1)))

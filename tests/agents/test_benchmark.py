@@ -64,7 +64,7 @@ def test_the_bound_is_the_optimum_of_each_start(tmp_path: Path) -> None:
     for seed in range(2):
         env.reset(seed=seed)
         problem = env.unwrapped.motion_problem()  # type: ignore[attr-defined]
-        wanted.append(dpct.settling_bound(problem, 1e-3, 2e-3, 0.02))
+        wanted.append(dpct.settling_bound(problem, 1e-3, 2e-3, 0.005))
     assert task["bound"] == {"seeds": [0, 1], "settling_time": wanted}
     settled = task["policies"][0]["episodes"]["settling_time"][:2]
     assert all(time >= bound for time, bound in zip(settled, wanted, strict=True))

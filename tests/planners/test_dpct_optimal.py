@@ -45,12 +45,15 @@ def conveyor(
 def worst_ratios(problem: MotionProblem, plan: Trajectory) -> dict[str, float]:
     """Limit ratios from the joint angles alone: derivatives by differences, torque from those."""
     limits = problem.joint_limits
-    h = 2e-4
-    t = np.arange(0.0, plan.duration - h, h) + 0.5 * h
-    q, qd, qdd = plan.at(t)
-    rate = (plan.at(t + 0.5 * h)[0] - plan.at(t - 0.5 * h)[0]) / h
-    np.testing.assert_allclose(rate, qd, atol=2e-5 * max(1.0, np.abs(qdd).max()))
-    tau = problem.loaded_arm.inverse_dynamics(q, rate, (plan.at(t + 0.5 * h)[1] - plan.at(t - 0.5 * h)[1]) / h)
+    meeting = plan.rendezvous_time
+    edges = np.linspace(0.0, meeting, 4001 if meeting > 0.0 else 1)
+    if plan.duration > meeting + 1e-6:
+        edges = np.append(edges, np.linspace(meeting, plan.duration, 501)[1:])
+    before, after, h = edges[:-1], edges[1:], np.diff(edges)[:, None]
+    q, qd, qdd = plan.at(0.5 * (before + after))
+    rate = (plan.at(after)[0] - plan.at(before)[0]) / h
+    np.testing.assert_allclose(rate, qd, atol=1e-3 * np.abs(qd).max() + 1e-7)
+    tau = problem.loaded_arm.inverse_dynamics(q, rate, (plan.at(after)[1] - plan.at(before)[1]) / h)
     jerk = np.diff(plan.qdd, axis=0) / np.diff(plan.t)[:, None]
     motion = {"torque": tau, "velocity": rate, "acceleration": qdd, "jerk": jerk, "angle": q}
     return {kind: float(np.max(np.abs(x) / np.array(getattr(limits, kind)))) for kind, x in motion.items()}
@@ -71,8 +74,7 @@ def assert_sound(problem: MotionProblem, plan: Trajectory) -> None:
     assert plan.limit_ratio <= 1.0
     for kind, ratio in worst_ratios(problem, plan).items():
         assert ratio <= 1.0 + 1e-4, kind  # differences of interpolated samples are good to this
-        if plan.rendezvous_time > 0.2:  # differences see a long enough motion, all but its shortest peaks
-            assert ratio == pytest.approx(plan.limit_ratios[kind], abs=0.1), kind
+        assert ratio == pytest.approx(plan.limit_ratios[kind], abs=0.1), kind  # short peaks are blunted
     np.testing.assert_allclose(plan.q[0], problem.q, atol=5e-6)  # up to 1e-6 m from the part counts as with it
     np.testing.assert_allclose(plan.qd[0], problem.start[1], atol=5e-6)
 
@@ -175,7 +177,7 @@ LEADS = (-0.2, -0.1, 0.0, 0.1, 0.2)
     [(speed, lead, time) for speed, row in FEASIBLE.items() for lead, time in zip(LEADS, row, strict=True)],
 )
 def test_what_is_feasible(speed: float, lead: float, expected: float | None) -> None:
-    """The part leaves the line at x = 0.4 m; published nowhere, from a study of the problem with 40 stages."""
+    """The part leaves the line at x = 0.4 m; the expected times are of an independent solution with 40 stages."""
     problem = conveyor(lead=lead, speed=speed, horizon=(LINE_END - HAND[0] + lead) / speed)
     if expected is None:
         with pytest.raises(Infeasible, match="late") as caught:
@@ -465,14 +467,19 @@ def test_unknown_or_impossible_options_are_named(options: dict[str, Any]) -> Non
 # the bound
 
 
-def test_settling_bound_approaches_the_rendezvous_time_and_falls_with_tolerance() -> None:
+@pytest.mark.parametrize("free", [True, False])
+def test_settling_bound_approaches_the_rendezvous_time_and_falls_with_tolerance(free: bool) -> None:
     problem = conveyor()
-    earliest = dpct.plan(problem, free_initial_acceleration=True, allow_reverse=True, stages=100).rendezvous_time
-    times = [dpct.settling_bound(problem, e, v) for e, v in ((1e-7, 1e-7), (1e-3, 2e-3), (5e-3, 1e-2), (2e-2, 2e-2))]
-    assert times[0] == pytest.approx(earliest, rel=5e-3)
+    plan = dpct.plan(problem, free_initial_acceleration=free, allow_reverse=True, stages=100)
+
+    def bound(position: float, velocity: float, limit: float = 0.0) -> float:
+        return dpct.settling_bound(problem, position, velocity, limit, free_initial_acceleration=free)
+
+    times = [bound(1e-7, 1e-7), bound(1e-3, 2e-3), bound(5e-3, 1e-2), bound(2e-2, 2e-2)]
+    assert times[0] == pytest.approx(plan.rendezvous_time, rel=6e-3)
     assert times == sorted(times, reverse=True)
     assert times[-1] < 0.8 * times[0]
-    assert dpct.settling_bound(problem, 1e-3, 2e-3, limit_tolerance=0.05) < times[1]
+    assert bound(1e-3, 2e-3, 0.05) < times[1]
 
 
 def test_settling_bound_of_a_settled_and_of_a_hopeless_start() -> None:
