@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 import envs
-from agents.bounds import has_bound, settling_bounds
+from agents.bounds import BOUNDS, best_known
 from agents.evaluation import Evaluation, evaluate, known_env_ids
 from agents.experiment import BenchmarkConfig, BenchmarkTask, load_experiment
 from agents.files import write_json
@@ -130,7 +130,7 @@ class Benchmark:
                 result.evaluations.append(self._evaluate(task, policy, seeds, progress))
             if self._bounded(task):
                 begin(f"{task.title}: bound")
-                result.bounds = settling_bounds(
+                result.bounds = best_known(
                     task.env,
                     seeds[: self._bounded(task)].tolist(),
                     env_config=task.env_config,
@@ -169,7 +169,8 @@ class Benchmark:
         return task.episodes or self.config.episodes
 
     def _bounded(self, task: BenchmarkTask) -> int:
-        return min(self._episodes(task), self.config.bound_episodes) if has_bound(task.env) else 0
+        wanted = self.config.bound_episodes if task.bound_episodes is None else task.bound_episodes
+        return min(self._episodes(task), wanted) if task.env in BOUNDS else 0
 
 
 def run(options: BenchmarkOptions) -> int:

@@ -2,24 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation import Progress
-from planners import Infeasible, dpct
+from planners import Infeasible, MotionProblem, dpct, lagrange, quintic
 from planners.typing import Array
 
-
-def has_bound(env_id: str) -> bool:
-    """Whether the optimum of an environment is known."""
-    return env_id == "ConveyorTrack-v0"
+Progress = Callable[[int], object]
 
 
-def settling_bounds(
+@dataclass(frozen=True)
+class Bound:
+    """The best known value of one number of an episode's info.
+
+    Attributes:
+        metric: which number; the less, the better.
+        meaning: for the caption of the leaderboard.
+        optimum: the best known value for a start, from its problem and the environment's configuration.
+    """
+
+    metric: str
+    meaning: str
+    optimum: Callable[[MotionProblem, Any], float]
+
+
+def _settling_time(problem: MotionProblem, config: Any) -> float:
+    """Least settling time, s; limits and part may be missed by as much as the environment tolerates."""
+    return dpct.settling_bound(
+        problem,
+        position_tolerance=config.position_tolerance,
+        velocity_tolerance=config.velocity_tolerance,
+        limit_tolerance=config.limit_tolerance,
+    )
+
+
+def _quintic_ratio(problem: MotionProblem, config: Any) -> float:
+    """Least torque, as a share of the quintic's, by dense transcription from the Lagrange planner's solution."""
+    return lagrange.plan(problem, polish=True).cost / quintic.plan(problem).cost
+
+
+BOUNDS: dict[str, Bound] = {
+    "ConveyorTrack-v0": Bound(
+        "settling_time", "settling time of the best known optimum within the same tolerances", _settling_time
+    ),
+    "MinTorqueMove-v0": Bound(
+        "quintic_ratio", "torque of the best known motion, a dense transcription, over the quintic's", _quintic_ratio
+    ),
+}
+"""What is known, by environment."""
+
+
+def best_known(
     env_id: str,
     seeds: Sequence[int],
     *,
@@ -27,22 +65,13 @@ def settling_bounds(
     options: Mapping[str, Any],
     progress: Progress,
 ) -> Array:
-    """Least settling time (s) that is known to be possible from each seed's start, ``(episodes,)``; inf if none is.
-
-    The limits may be exceeded, and the hand may miss the part, by as much as the environment tolerates.
-    """
+    """The best known value of the bounded number for each seed's start, ``(episodes,)``; inf if none is known."""
     with closing(gym.make_vec(env_id, num_envs=len(seeds), **env_config)) as env:
         batch: Any = env.unwrapped
         batch.reset(seed=list(seeds), options=dict(options))
-        config = batch.task.config
-        bounds = np.full(len(seeds), np.inf)
+        values = np.full(len(seeds), np.inf)
         for lane in range(len(seeds)):
             with suppress(Infeasible):
-                bounds[lane] = dpct.settling_bound(
-                    batch.motion_problem(lane),
-                    position_tolerance=config.position_tolerance,
-                    velocity_tolerance=config.velocity_tolerance,
-                    limit_tolerance=config.limit_tolerance,
-                )
+                values[lane] = BOUNDS[env_id].optimum(batch.motion_problem(lane), batch.task.config)
             progress(1)
-    return bounds
+    return values

@@ -30,6 +30,7 @@ COMMANDS = {
     "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
+    "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
 }
 
 DESCRIPTION = """\

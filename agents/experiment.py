@@ -38,6 +38,7 @@ class BenchmarkTask(Settings):
         env_config: settings of the environment.
         options: of each reset.
         episodes: how many, if not as many as the benchmark's other tasks.
+        bound_episodes: for how many of them the bound is computed, if not for as many as elsewhere.
         published: a figure from a paper, for its own row.
     """
 
@@ -46,6 +47,7 @@ class BenchmarkTask(Settings):
     env_config: dict[str, Any] = Field(default_factory=dict)
     options: dict[str, Any] = Field(default_factory=dict)
     episodes: int | None = Field(None, ge=1)
+    bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
 
     @classmethod

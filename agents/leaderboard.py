@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from agents import statistics
+from agents.bounds import BOUNDS
 from agents.evaluation import Evaluation
 from agents.experiment import BenchmarkTask
 from agents.statistics import Estimate
@@ -36,9 +37,13 @@ METRICS: dict[str, tuple[Metric, ...]] = {
     "ConveyorTrack-v0": (
         Metric("settling_time", "settled (s)", 1.0),
         Metric("steady_state_error", "error (mm)", 1e3),
-    )
+    ),
+    "MinTorqueMove-v0": (
+        Metric("quintic_ratio", "torque / quintic's", 1.0),
+        Metric("torque_l1", "PI1 (N m s)", 1.0),
+        Metric("angle_error", "error (mrad)", 1e3),
+    ),
 }
-BOUND_METRIC = "settling_time"
 
 
 @dataclass
@@ -49,7 +54,7 @@ class TaskResult:
         task: the task.
         seeds: of its episodes.
         evaluations: one a policy.
-        bounds: least settling times of the first seeds, s; None if they are not computed.
+        bounds: best known values for the first seeds of what `BOUNDS` bounds; None if they are not computed.
     """
 
     task: BenchmarkTask
@@ -58,12 +63,12 @@ class TaskResult:
     bounds: Array | None = None
 
     def above_bound(self, evaluation: Evaluation) -> Array | None:
-        """How much later than the bound each episode settled, s, where the bound is known."""
+        """How much worse than the bound each episode is, where the bound is known."""
         if self.bounds is None:
             return None
         reachable = np.isfinite(self.bounds)
-        settled = evaluation.metrics[BOUND_METRIC][: len(self.bounds)]
-        return np.asarray(settled[reachable] - self.bounds[reachable])
+        reached = evaluation.metrics[BOUNDS[self.task.env].metric][: len(self.bounds)]
+        return np.asarray(reached[reachable] - self.bounds[reachable])
 
 
 def summary(result: TaskResult, evaluation: Evaluation) -> dict[str, Estimate]:
@@ -113,9 +118,12 @@ def leaderboard(result: TaskResult) -> Table:
     for evaluation, estimates in sorted(rows, key=lambda row: (-row[1]["success"].value, -row[1]["return"].value)):
         table.add_row(*_policy_cells(evaluation, estimates, metrics, bounded=bounded))
     if result.bounds is not None:
-        table.add_row("bound", "", *_settling_cells(metrics, statistics.median(result.bounds).value), style="italic")
+        best = statistics.median(result.bounds).value
+        table.add_row("bound", "", *_lone_cells(metrics, BOUNDS[result.task.env].metric, best), style="italic")
     if result.task.published is not None:
-        table.add_row("paper", "", *_settling_cells(metrics, result.task.published.settling_time), style="italic")
+        table.add_row(
+            "paper", "", *_lone_cells(metrics, "settling_time", result.task.published.settling_time), style="italic"
+        )
     return table
 
 
@@ -136,9 +144,9 @@ def _policy_cells(
     yield _number(evaluation.timing.policy_us)
 
 
-def _settling_cells(metrics: Sequence[Metric], settling_time: float) -> list[str]:
-    """Cells of the metric columns for a row of which the settling time alone is known."""
-    return [_number(settling_time) if metric.key == BOUND_METRIC else "" for metric in metrics]
+def _lone_cells(metrics: Sequence[Metric], key: str, value: float) -> list[str]:
+    """Cells of the metric columns for a row of which one number alone is known."""
+    return [_number(value * metric.factor) if metric.key == key else "" for metric in metrics]
 
 
 def _caption(result: TaskResult) -> str:
@@ -149,8 +157,7 @@ def _caption(result: TaskResult) -> str:
     if result.bounds is not None:
         which = "" if len(result.bounds) == len(result.seeds) else f" (the first {len(result.bounds)})"
         lines.append(
-            "Bound: settling time of the best known optimum within the same tolerances, from the same "
-            f"starts{which}; over bound: settling time less the bound, s."
+            f"Bound: {BOUNDS[result.task.env].meaning}, from the same starts{which}; over bound: the difference."
         )
     steps = sum(evaluation.timing.lane_steps for evaluation in result.evaluations)
     env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps
@@ -183,7 +190,7 @@ def as_document(result: TaskResult) -> dict[str, Any]:
         "policies": [_evaluation_document(result, evaluation) for evaluation in result.evaluations],
         "bound": None
         if result.bounds is None
-        else {"seeds": result.seeds[: len(result.bounds)], BOUND_METRIC: result.bounds},
+        else {"seeds": result.seeds[: len(result.bounds)], BOUNDS[result.task.env].metric: result.bounds},
         "published": task.published.model_dump() if task.published else None,
     }
 

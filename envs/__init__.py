@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 
 __all__ = ["make_expert"]
 
-_TASKS = {"ConveyorTrack-v0": "envs.conveyor_track:ConveyorTrack"}
+_TASKS = {
+    "ConveyorTrack-v0": "envs.conveyor_track:ConveyorTrack",
+    "MinTorqueMove-v0": "envs.min_torque_move:MinTorqueMove",
+}
 
 for _env_id, _name in _TASKS.items():
     if _env_id not in gym.registry:

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.actuation import action_scale
+from envs.min_torque_move import MinTorqueMove
 from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
-from planners import Infeasible, MotionProblem, Trajectory, dpct
+from planners import Infeasible, MotionProblem, Trajectory, dpct, lagrange, quintic
 from planners.control import Gains, held_torque, tracking_acceleration, within_torque
 from planners.typing import Array
 
@@ -122,7 +123,7 @@ class PlanningExpert(Expert):
     def __init__(self, task: Task, planner: Planner, gains: Gains | None = None) -> None:
         super().__init__(task)
         self._planner = planner
-        self._gains = gains or Gains()
+        self._gains = gains or Gains.sampled(task.config.control_period)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
         seen = self.task.layout.parse(observations)
@@ -162,7 +163,7 @@ class PlanningExpert(Expert):
             plan = self._plan(self.task.motion_problem(observations[lane]))
             new.last[lane] = 0
             if plan is not None:
-                last = min(int(plan.duration / period + 1e-6), self.task.horizon_steps)
+                last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
                 new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
                 new.last[lane] = last
         return new
@@ -184,7 +185,9 @@ class PlanningExpert(Expert):
         acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
         q, qd, qdd = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
         # Speed v is shed to rest at full jerk from an acceleration of at most sqrt(2 jerk v).
-        gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), np.sqrt(2.0 * jerk * np.abs(qd)))
+        limited = np.isfinite(jerk)
+        smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
+        gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
         wanted = within_torque(arm, q, qd, -np.sign(qd) * gentle, period)
         reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
         return reachable
@@ -255,9 +258,21 @@ class RandomExpert(Expert):
         return 2.0 * (bits >> np.uint64(11)).astype(np.float64) / 2.0**53 - 1.0, ()
 
 
+def _dpct(task: Task) -> Expert:
+    if isinstance(task, MinTorqueMove):
+        return PlanningExpert(task, partial(dpct.plan, variant="torque"))
+    return PlanningExpert(task, partial(dpct.plan, allow_reverse=True, explain=False))
+
+
+def _follower(task: Task) -> Expert:
+    """Without planning: straight to the goal if that is a place for the hand, else along the quintic to it."""
+    return PlanningExpert(task, quintic.plan) if isinstance(task, MinTorqueMove) else FollowerExpert(task)
+
+
 EXPERTS: dict[str, Callable[[Task], Expert]] = {
-    "dpct": lambda task: PlanningExpert(task, partial(dpct.plan, allow_reverse=True, explain=False)),
-    "follower": FollowerExpert,
+    "dpct": _dpct,
+    "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
+    "follower": _follower,
     "random": RandomExpert,
 }
 """How each expert is made from a task."""

@@ -121,9 +121,13 @@ class Task(ABC):
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """The problem that an observation ``(size,)`` states, for a planner to solve."""
 
-    @abstractmethod
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(lanes, 2)``."""
+        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(lanes, 2)``.
+
+        Raises:
+            NotImplementedError: if the task's goal is no place for the hand.
+        """
+        raise NotImplementedError(f"the goal of {self.env_id} is no place for the hand")
 
     @abstractmethod
     def scene(self, lane: int, trail: Sequence[Any]) -> Scene:

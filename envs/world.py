@@ -146,9 +146,11 @@ def place_arm(lane: Any, model: Any) -> None:
         y += length * sin_earlier
         vx -= length * w * sin_now
         vy += length * w * cos_now
+    # All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
+    for i in range(n):
+        chipmunk.space_remove_constraint(lane.space, lane.joints[i])
     for i in range(n):
         joint = lane.joints[i]
-        chipmunk.space_remove_constraint(lane.space, joint)
         owner = chipmunk.constraint_get_user_data(joint)
         if i == 0:
             chipmunk.pivot_joint_init(

@@ -5,7 +5,7 @@ Nothing here knows of Gymnasium. SI units and radians throughout; joint angles a
 
 from pathlib import Path
 
-from planners import control, dpct
+from planners import control, dpct, lagrange, quintic
 from planners.arm import PLANAR_3R, SCARA_1M, Arm, JointLimits
 from planners.compile_cache import drop_stale
 from planners.kinematics import UnreachableTarget
@@ -34,6 +34,8 @@ __all__ = [
     "UnreachableTarget",
     "control",
     "dpct",
+    "lagrange",
+    "quintic",
 ]
 
 drop_stale(Path(__file__).parent)

@@ -114,16 +114,23 @@ def mass_matrix(coupling: Array, q: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
+def forward_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
+    """Joint accelerations (rad/s^2) of one lane, written to ``qdd``."""
+    n = q.shape[0]
+    bias, m = np.empty(n), np.empty((n, n))
+    inverse_dynamics_lane(coupling, weight, q, qd, np.zeros(n), bias)
+    mass_matrix_lane(coupling, q, m)
+    for i in range(n):
+        qdd[i] = tau[i] - bias[i]
+    solve_mass_matrix(m, qdd)
+
+
+@njit(cache=True, nogil=True)
 def forward_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array) -> Array:
     """Joint accelerations ``(lanes, n)``, rad/s^2, under torques ``tau`` in the state ``q, qd``, all ``(lanes, n)``."""
-    lanes, n = q.shape
-    qdd = np.empty((lanes, n))
-    still, bias, m = np.zeros(n), np.empty(n), np.empty((n, n))
-    for lane in range(lanes):
-        inverse_dynamics_lane(coupling, weight, q[lane], qd[lane], still, bias)
-        mass_matrix_lane(coupling, q[lane], m)
-        qdd[lane] = tau[lane] - bias
-        solve_mass_matrix(m, qdd[lane])
+    qdd = np.empty_like(q)
+    for lane in range(q.shape[0]):
+        forward_dynamics_lane(coupling, weight, q[lane], qd[lane], tau[lane], qdd[lane])
     return qdd
 
 

@@ -7,6 +7,8 @@ jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Mani
 exact in
   time and checked on a dense grid.
 - ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
+- ``variant="torque"`` (:mod:`planners.dpct.torque_index`): to rest at a fixed target exactly at the horizon, with the
+  least torque on the straight way there; limits of jerk are not kept.
 """
 
 from __future__ import annotations
@@ -20,15 +22,20 @@ from planners.dpct.line import Branch, reduce_to_line
 from planners.dpct.optimal import plan_optimal
 from planners.dpct.paper import plan_paper
 from planners.dpct.settling import settling_bound
+from planners.dpct.torque_index import plan_torque
 from planners.problem import MotionProblem, Trajectory
 
-Variant = Literal["optimal", "paper"]
+Variant = Literal["optimal", "paper", "torque"]
 
-_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {"optimal": plan_optimal, "paper": plan_paper}
+_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {
+    "optimal": plan_optimal,
+    "paper": plan_paper,
+    "torque": plan_torque,
+}
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:
-    """Plan a motion; options are those of :func:`plan_optimal` or :func:`planners.dpct.paper.plan_paper`.
+    """Plan a motion; options are those of :func:`plan_optimal`, :func:`plan_paper` or :func:`plan_torque`.
 
     Raises:
         Infeasible: if no motion solves the problem, with the reason.
@@ -56,4 +63,13 @@ def rideable_windows(problem: MotionProblem, elbow: Branch = "start") -> list[Wi
     return ride_windows(reduce_to_line(problem, elbow))
 
 
-__all__ = ["Variant", "Window", "plan", "plan_optimal", "plan_paper", "rideable_windows", "settling_bound"]
+__all__ = [
+    "Variant",
+    "Window",
+    "plan",
+    "plan_optimal",
+    "plan_paper",
+    "plan_torque",
+    "rideable_windows",
+    "settling_bound",
+]

@@ -16,10 +16,16 @@ import envs
 from envs.actuation import CONTROL_MODES
 from envs.experts import EXPERTS
 
-ENV_IDS = ["ConveyorTrack-v0"]
-CONSTANT_ENTRIES = {"ConveyorTrack-v0": {"part_acceleration"}}  # the belt's, 0 unless configured
+MODES: dict[str, tuple[str, ...]] = {"ConveyorTrack-v0": CONTROL_MODES, "MinTorqueMove-v0": ("torque",)}
+CONSTANT_ENTRIES = {
+    "ConveyorTrack-v0": {"part_acceleration", "settled"},  # the belt's, 0 unless configured; 0 until the part is met
+    "MinTorqueMove-v0": {"torque_limit"},  # the arm's
+}
 
-pytestmark = pytest.mark.parametrize("env_id", ENV_IDS)
+every_env = pytest.mark.parametrize("env_id", MODES)
+every_mode = pytest.mark.parametrize(
+    ("env_id", "control_mode"), [(env_id, mode) for env_id, modes in MODES.items() for mode in modes]
+)
 
 
 def roll_out(env: gym.Env[Any, Any], seed: int, expert_name: str = "follower") -> list[Any]:
@@ -41,13 +47,13 @@ def same(one: list[Any], other: list[Any]) -> bool:
     return pickle.dumps(one) == pickle.dumps(other)
 
 
-@pytest.mark.parametrize("control_mode", CONTROL_MODES)
+@every_mode
 def test_gymnasium_check(env_id: str, control_mode: str) -> None:
     env = gym.make(env_id, control_mode=control_mode, render_mode="rgb_array")
     check_env(env.unwrapped)
 
 
-@pytest.mark.parametrize("control_mode", CONTROL_MODES)
+@every_mode
 @pytest.mark.parametrize("name", sorted(EXPERTS))
 def test_an_expert_finishes_an_episode(env_id: str, name: str, control_mode: str) -> None:
     env = gym.make(env_id, control_mode=control_mode)
@@ -62,6 +68,7 @@ def test_an_expert_finishes_an_episode(env_id: str, name: str, control_mode: str
     assert same(shown, roll_out(gym.make(env_id, control_mode=control_mode), 11, name))
 
 
+@every_env
 def test_a_seed_gives_the_same_bits_after_an_unrelated_episode(env_id: str) -> None:
     fresh, used = gym.make(env_id), gym.make(env_id)
     roll_out(used, 99, "random")
@@ -70,6 +77,7 @@ def test_a_seed_gives_the_same_bits_after_an_unrelated_episode(env_id: str) -> N
     assert same(roll_out(used, 3), roll_out(fresh, 3))
 
 
+@every_env
 def test_no_observation_is_touched_later(env_id: str) -> None:
     env = gym.make(env_id)
     first, _ = env.reset(seed=0)
@@ -81,6 +89,7 @@ def test_no_observation_is_touched_later(env_id: str) -> None:
     np.testing.assert_array_equal(second, kept_second)
 
 
+@every_env
 def test_every_element_varies(env_id: str) -> None:
     env = gym.make(env_id)
     env.action_space.seed(0)
@@ -91,10 +100,11 @@ def test_every_element_varies(env_id: str) -> None:
     varies = np.ptp(np.array(seen), axis=0) > 0.0
     layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
     for entry, place in layout.slices():
-        if entry.name not in CONSTANT_ENTRIES[env_id] | {"settled"}:
+        if entry.name not in CONSTANT_ENTRIES[env_id]:
             assert varies[place].any(), entry.name
 
 
+@every_env
 def test_unseeded_resets_differ(env_id: str) -> None:
     env = gym.make(env_id)
     env.reset(seed=0)
@@ -102,6 +112,7 @@ def test_unseeded_resets_differ(env_id: str) -> None:
     assert (one != other).any()
 
 
+@every_env
 def test_step_wants_a_reset(env_id: str) -> None:
     env = gym.make(env_id, disable_env_checker=True).unwrapped
     with pytest.raises(gym.error.ResetNeeded, match="call reset"):
@@ -111,6 +122,7 @@ def test_step_wants_a_reset(env_id: str) -> None:
         env.step(np.zeros(env.action_space.shape, dtype=np.float32))
 
 
+@every_env
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_an_action_that_is_not_finite_moves_nothing(env_id: str, bad: float) -> None:
     env = gym.make(env_id)
@@ -124,7 +136,7 @@ def test_an_action_that_is_not_finite_moves_nothing(env_id: str, bad: float) -> 
     np.testing.assert_array_equal(after, (q, qd))
 
 
-@pytest.mark.parametrize("control_mode", CONTROL_MODES)
+@every_mode
 def test_a_larger_action_is_clipped(env_id: str, control_mode: str) -> None:
     ends = []
     for size in (1.0, 7.5):
@@ -134,6 +146,7 @@ def test_a_larger_action_is_clipped(env_id: str, control_mode: str) -> None:
     np.testing.assert_array_equal(*ends)
 
 
+@every_env
 def test_a_wrong_action_shape_is_refused(env_id: str) -> None:
     env = gym.make(env_id)
     env.reset(seed=0)
@@ -141,13 +154,15 @@ def test_a_wrong_action_shape_is_refused(env_id: str) -> None:
         env.unwrapped.step(np.zeros(7, dtype=np.float32))
 
 
+@every_env
 def test_pickled_and_made_again_environments_are_equal(env_id: str) -> None:
-    env = gym.make(env_id, control_mode="jerk")
+    env = gym.make(env_id, horizon=2.5)
     copy = pickle.loads(pickle.dumps(env.unwrapped))
     assert copy.task.config == env.unwrapped.task.config  # type: ignore[attr-defined]
     assert same(roll_out(copy, 4), roll_out(env.unwrapped, 4))
 
 
+@every_env
 def test_closing_twice(env_id: str) -> None:
     env = gym.make(env_id, render_mode="rgb_array")
     env.reset(seed=0)
@@ -159,6 +174,7 @@ def test_closing_twice(env_id: str) -> None:
     vector.close()
 
 
+@every_env
 def test_the_module_can_be_named_in_the_id(env_id: str) -> None:
     check_environments_match(gym.make(f"envs:{env_id}"), gym.make(env_id), 20, seed=1)
 
@@ -171,6 +187,7 @@ def _first_observations(env_id: str, method: str) -> np.ndarray[Any, Any]:
         async_envs.close()
 
 
+@every_env
 @pytest.mark.parametrize("method", ["spawn", "forkserver"])
 def test_workers(env_id: str, method: str) -> None:
     assert method in multiprocessing.get_all_start_methods()
@@ -179,6 +196,7 @@ def test_workers(env_id: str, method: str) -> None:
         np.testing.assert_array_equal(observations[lane], gym.make(env_id).reset(seed=3 + lane)[0])
 
 
+@every_env
 def test_the_recorders_work(env_id: str) -> None:
     env = gym.wrappers.RecordEpisodeStatistics(gym.make(env_id))
     shown = roll_out(env, 0)
@@ -188,14 +206,17 @@ def test_the_recorders_work(env_id: str) -> None:
     infos: dict[str, Any] = {}
     while "episode" not in infos:
         *_, infos = vector.step(np.zeros(vector.action_space.shape, dtype=np.float32))
-    assert infos["_episode"].all()
+    assert infos["_episode"].any()
+    assert np.isfinite(infos["episode"]["r"]).all()
 
 
+@every_env
 def test_an_unknown_setting_is_refused_with_the_nearest_name(env_id: str) -> None:
     with pytest.raises(ValueError, match=rf'unknown {env_id} setting "contol_mode"; did you mean "control_mode"'):
         gym.make(env_id, contol_mode="jerk")
 
 
+@every_env
 def test_an_unknown_option_is_refused_and_changes_nothing(env_id: str) -> None:
     env = gym.make(env_id)
     before, _ = env.reset(seed=0)
@@ -205,6 +226,7 @@ def test_an_unknown_option_is_refused_and_changes_nothing(env_id: str) -> None:
     np.testing.assert_array_equal(env.unwrapped.task.lanes["observation"][0], before)  # type: ignore[attr-defined]
 
 
+@every_env
 @pytest.mark.parametrize(
     ("setting", "value", "complaint"),
     [
@@ -219,6 +241,7 @@ def test_a_bad_setting_is_refused(env_id: str, setting: str, value: object, comp
         gym.make(env_id, **{setting: value})
 
 
+@every_env
 def test_experts_refuse_other_environments(env_id: str) -> None:
     with pytest.raises(ValueError, match="not one of planarm's"):
         envs.make_expert("follower", gym.make("CartPole-v1"))

@@ -169,10 +169,13 @@ class TestExpert:
         assert info["limit_ratio"] <= 1.02
         assert info["settling_time"] <= 1.60
 
-    @pytest.mark.parametrize("control_mode", ["torque", "acceleration", "jerk"])
-    def test_random_starts(self, control_mode: str) -> None:
+    @pytest.mark.parametrize(
+        ("name", "control_mode"),
+        [("dpct", "torque"), ("dpct", "acceleration"), ("dpct", "jerk"), ("lagrange", "torque")],
+    )
+    def test_random_starts(self, name: str, control_mode: str) -> None:
         vector = gym.make_vec(ENV_ID, num_envs=40, control_mode=control_mode)
-        expert = envs.make_expert("dpct", vector)
+        expert = envs.make_expert(name, vector)
         observations, _ = vector.reset(seed=500)
         state, starts = None, np.ones(40, dtype=bool)
         infos: dict[str, Any] = {}

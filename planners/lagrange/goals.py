@@ -1,0 +1,80 @@
+"""Which joint angles answer a target that does not move: given ones, or every way to put the hand there."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Literal
+
+import numpy as np
+
+from planners.kinematics import UnreachableTarget, wrap
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.typing import Array
+
+Elbow = Literal["best", "start", "+", "-"]
+
+ORIENTATIONS = 8
+"""How many orientations of a third link are tried where the target leaves it open."""
+
+LONG_WAY = 0.5 * np.pi
+"""From this turn of the first joint on, rad, the other way round is tried too."""
+
+MOST_GOALS = 6
+
+
+def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow: Elbow) -> list[Array]:
+    """Joint angles to go to, ``(n,)`` each: at most six, those closest to the start.
+
+    Raises:
+        Infeasible: with reason ``unreachable`` if the target is out of reach, or in reach with a joint out of its range
+            only.
+        ValueError: if an elbow branch is asked for in joint space.
+    """
+    if isinstance(target, FixedJoints):
+        if elbow not in ("best", "start"):
+            raise ValueError("a target in joint angles fixes the elbow; use elbow='best'")
+        return [target.q]
+    n = problem.arm.n_joints
+    orientations: list[float | None] = [target.orientation]
+    if n == 3 and target.orientation is None:
+        turns = np.arange(ORIENTATIONS) * 2.0 * np.pi / ORIENTATIONS
+        orientations = [float(problem.q.sum() + turn) for turn in turns]
+    postures = []
+    for orientation in orientations:
+        try:
+            branches = problem.arm.inverse_kinematics(target.position, orientation)
+        except UnreachableTarget as error:
+            unreachable = error
+            continue
+        postures += [branch for branch in branches if on_branch(branch, problem.q, elbow)]
+    if not postures:
+        raise Infeasible("unreachable", str(unreachable))
+    goals = [goal for posture in postures for goal in whole_turns(posture, problem)]
+    if not goals:
+        x, y = target.position
+        raise Infeasible("unreachable", f"every posture with the hand at ({x:.4g}, {y:.4g}) m leaves a joint's range")
+    return sorted(goals, key=lambda goal: float(np.abs(goal - problem.q).sum()))[:MOST_GOALS]
+
+
+def on_branch(posture: Array, start: Array, elbow: Elbow) -> bool:
+    """Whether a posture has its elbow where it is wanted."""
+    if elbow == "best":
+        return True
+    positive = np.sin(start[1]) >= 0.0 if elbow == "start" else elbow == "+"
+    return bool((np.sin(posture[1]) >= 0.0) == positive)
+
+
+def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
+    """The posture within the joint ranges, as close to the start as whole turns bring it; the first joint both ways."""
+    nearest = problem.q + wrap(posture - problem.q)
+    turn = nearest[0] - problem.q[0]
+    firsts = [nearest[0]] if abs(turn) < LONG_WAY else [nearest[0], nearest[0] - np.copysign(2.0 * np.pi, turn)]
+    outer = [(angle, angle - 2.0 * np.pi, angle + 2.0 * np.pi) for angle in nearest[1:]]
+    ranges = np.array(problem.joint_limits.angle)
+    found = []
+    for first in firsts:
+        # A joint with a range has at most one whole turn that fits closest; without one the nearest is taken.
+        rest = [next((a for a in angles if abs(a) <= r), None) for angles, r in zip(outer, ranges[1:], strict=True)]
+        if abs(first) <= ranges[0] and None not in rest:
+            found.append(np.array([first, *itertools.chain(rest)], dtype=float))
+    return found

@@ -1,0 +1,299 @@
+"""Compiled primal-dual interior point method for least torque within limits.
+
+It minimises the integral of ``sum |tau|`` or ``sum tau^2`` over the unknowns of a transcription. Limits hold at the
+instants of the transcription: each is met with a slack on either side that stays positive while a logarithmic barrier
+vanishes (J. Nocedal and S. J. Wright, "Numerical Optimization", chapter 19), so a start may break them. ``|tau|`` is
+smoothed to ``sqrt(tau^2 + eps^2)``, ``eps`` following the barrier down; its curvature is taken at a dual variable, as
+T. F. Chan, G. H. Golub and P. Mulet do in "A Nonlinear Primal-Dual Method for Total Variation-Based Image Restoration",
+SIAM J. Sci. Comput. 20 (1999), which keeps Newton's method fast where the kink is sharp.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planners.lagrange.banded import factorise, substitute
+from planners.lagrange.newton import Model, Point, Task, bounded, displace, index, look_at, newton_model
+from planners.lagrange.transcription import Transcription
+from planners.typing import Array
+
+FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-6
+SMOOTHING, LEAST_SMOOTHING = 10.0, 1e-3
+"""Width of the smoothed |tau| per barrier parameter, and its least, units of torque."""
+TO_BOUNDARY = 0.99
+"""Share of the way to the edge of the barrier that a step may go."""
+
+HALVINGS = 10
+
+
+class Solution(NamedTuple):
+    """What the solver found.
+
+    Attributes:
+        unknowns: absolute link angles, ``(unknowns, n)``.
+        load: worst |value| / limit at the instants.
+        converged: whether the conditions of a minimum are met.
+    """
+
+    unknowns: Array
+    load: float
+    converged: bool
+
+
+@njit(cache=True, nogil=True)
+def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance: float, most: int) -> Solution:
+    """Local minimum from a start.
+
+    Args:
+        tr: the motion as a linear map of the unknowns.
+        task: index and limits.
+        start: unknowns, ``(unknowns, n)``.
+        barrier: first barrier parameter.
+        tolerance: of the index.
+        most: iterations.
+    """
+    weights = tr.weights / tr.weights.sum()
+    x, point = start.copy(), look_at(tr, task, start)
+    rooms = _rooms(point.load)
+    slacks = np.maximum(rooms, min(0.1, 10.0 * barrier))
+    duals = barrier / slacks
+    eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
+    sign = np.zeros_like(point.tau)
+    _turn_signs(sign, point.tau, sign, eps, 1.0)
+    shift, penalty = 0.0, 1.0
+    converged = False
+    for _ in range(most):
+        force, multiplier, stiffness = _push(slacks, duals, rooms, barrier)
+        model = newton_model(tr, task, weights, point, sign, eps, force, multiplier, stiffness)
+        step, shift = _regularised_step(model, shift, x.shape[0])
+        links_step = displace(tr, step.reshape(x.shape))
+        tau_step = _torque_step(model, links_step)
+        load_step = bounded(task, links_step, tau_step * task.unit)
+        slacks_step, duals_step = _step_barrier(slacks, duals, rooms, load_step, barrier)
+        reach = _longest(slacks, slacks_step)
+
+        decrement = -dot(model.gradient, step)
+        slope = dot(model.index_gradient, step) - barrier * _relative_sum(slacks_step, slacks)
+        infeasibility = _distance(slacks, rooms)
+        if infeasibility > 1e-9:
+            penalty = max(penalty, 1.5 * (slope + 0.5 * max(decrement, 0.0)) / infeasibility)
+        slope -= penalty * infeasibility
+        merit = _merit(weights, task, point, slacks, rooms, barrier, eps, penalty)
+
+        length, accepted = reach, False
+        for _halving in range(HALVINGS):
+            trial = x + length * step.reshape(x.shape)
+            new_point = look_at(tr, task, trial)
+            new_rooms = _rooms(new_point.load)
+            new_slacks = _advance(slacks, rooms, slacks_step, length, new_rooms)
+            new = _merit(weights, task, new_point, new_slacks, new_rooms, barrier, eps, penalty)
+            if new <= merit + 1e-4 * length * slope + 1e-12 * abs(merit):
+                accepted = True
+                break
+            length *= 0.5
+        if not accepted:
+            if shift > 1e6:
+                break
+            shift = max(1e-2, 10.0 * shift)
+            continue
+        _turn_signs(sign, point.tau, tau_step, eps, length)
+        _move_duals(duals, duals_step, _longest(duals, duals_step), new_slacks, barrier)
+        x, point, rooms, slacks = trial, new_point, new_rooms, new_slacks
+        if length < 0.4 * reach:
+            shift = max(1e-3, 4.0 * shift)
+        elif length > 0.9 * reach:
+            shift = 0.25 * shift if shift > 1e-4 else 0.0
+        if length > 0.4 * reach and decrement < max(10.0 * barrier, tolerance) and _largest_gap(slacks, rooms) < 1e-6:
+            converged = barrier <= LAST_BARRIER and decrement < tolerance
+            barrier = max(LAST_BARRIER, 0.15 * barrier)
+            eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
+            penalty = 1.0
+            if converged:
+                break
+    load = 0.0
+    for value in point.load.flat:
+        load = max(load, abs(value))
+    return Solution(x, load, converged)
+
+
+@njit(cache=True, nogil=True)
+def dot(a: Array, b: Array) -> float:
+    """Scalar product, summed in order."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _rooms(load: Array) -> Array:
+    """What is left below the upper and above the lower side of every limit, ``(2, points, limits)``."""
+    rooms = np.empty((2, *load.shape))
+    for k in range(load.shape[0]):
+        for c in range(load.shape[1]):
+            rooms[0, k, c], rooms[1, k, c] = 1.0 - load[k, c], 1.0 + load[k, c]
+    return rooms
+
+
+@njit(cache=True, nogil=True)
+def _push(slacks: Array, duals: Array, rooms: Array, barrier: float) -> tuple[Array, Array, Array]:
+    """Of every limit: force of the barrier on its load, present multiplier, stiffness of the barrier."""
+    shape = slacks.shape[1:]
+    force, multiplier, stiffness = np.empty(shape), np.empty(shape), np.empty(shape)
+    for k in range(shape[0]):
+        for c in range(shape[1]):
+            s, z, r = slacks[:, k, c], duals[:, k, c], rooms[:, k, c]
+            force[k, c] = (barrier + z[0] * (s[0] - r[0])) / s[0] - (barrier + z[1] * (s[1] - r[1])) / s[1]
+            multiplier[k, c] = z[0] - z[1]
+            stiffness[k, c] = z[0] / s[0] + z[1] / s[1]
+    return force, multiplier, stiffness
+
+
+@njit(cache=True, nogil=True)
+def _step_barrier(slacks: Array, duals: Array, rooms: Array, load_step: Array, barrier: float) -> tuple[Array, Array]:
+    """Newton's steps of slacks and duals that go with a step of the loads."""
+    slacks_step, duals_step = np.empty_like(slacks), np.empty_like(slacks)
+    for side in range(2):
+        for k in range(slacks.shape[1]):
+            for c in range(slacks.shape[2]):
+                s, z = slacks[side, k, c], duals[side, k, c]
+                ds = rooms[side, k, c] - s - (1 - 2 * side) * load_step[k, c]
+                slacks_step[side, k, c] = ds
+                duals_step[side, k, c] = (barrier - z * ds) / s - z
+    return slacks_step, duals_step
+
+
+@njit(cache=True, nogil=True)
+def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: float) -> None:
+    """Move the duals of |tau| towards the smoothed sign after a full step, within [-1, 1]."""
+    for k in range(tau.shape[0]):
+        for j in range(tau.shape[1]):
+            root = np.sqrt(tau[k, j] ** 2 + eps * eps)
+            slope = tau[k, j] / root
+            slope += (1.0 - sign[k, j] * slope) / root * tau_step[k, j]
+            sign[k, j] = min(1.0, max(-1.0, sign[k, j] + length * (slope - sign[k, j])))
+
+
+@njit(cache=True, nogil=True)
+def _move_duals(duals: Array, steps: Array, length: float, slacks: Array, barrier: float) -> None:
+    """Move the duals, and keep them close enough to ``barrier / slack``."""
+    for side in range(2):
+        for k in range(duals.shape[1]):
+            for c in range(duals.shape[2]):
+                central = barrier / slacks[side, k, c]
+                dual = duals[side, k, c] + length * steps[side, k, c]
+                duals[side, k, c] = min(max(dual, 1e-8 * central), 1e8 * central)
+
+
+@njit(cache=True, nogil=True)
+def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array, float]:
+    """Newton's step, the diagonal raised until the matrix is positive definite, and by how much it was."""
+    size, width = model.hessian.shape
+    step = np.zeros(size)
+    factor = np.empty((size, width))
+    while shift < 1e12:
+        for i in range(size):
+            for j in range(width):
+                factor[i, j] = model.hessian[i, j]
+            factor[i, width - 1] += shift / unknowns
+        if factorise(factor):
+            for i in range(size):
+                step[i] = -model.gradient[i]
+            substitute(factor, step)
+            break
+        shift = max(1e-3, 4.0 * shift)
+    return step, shift
+
+
+@njit(cache=True, nogil=True)
+def _torque_step(model: Model, links_step: Array) -> Array:
+    """First-order change of the torques, units."""
+    points, n = model.jacobians.shape[:2]
+    change = np.zeros((points, n))
+    for k in range(points):
+        for j in range(n):
+            for d in range(3):
+                for a in range(n):
+                    change[k, j] += model.jacobians[k, j, d, a] * links_step[k, d, a]
+    return change
+
+
+@njit(cache=True, nogil=True)
+def _longest(values: Array, steps: Array) -> float:
+    """How far positive values may go along their steps, at most 1."""
+    reach = 1.0
+    for side in range(2):
+        for k in range(values.shape[1]):
+            for c in range(values.shape[2]):
+                if steps[side, k, c] < 0.0:
+                    reach = min(reach, -TO_BOUNDARY * values[side, k, c] / steps[side, k, c])
+    return reach
+
+
+@njit(cache=True, nogil=True)
+def _relative_sum(steps: Array, values: Array) -> float:
+    total = 0.0
+    for side in range(2):
+        for k in range(values.shape[1]):
+            for c in range(values.shape[2]):
+                total += steps[side, k, c] / values[side, k, c]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _distance(slacks: Array, rooms: Array) -> float:
+    """Sum of the differences of slacks and rooms."""
+    total = 0.0
+    for side in range(2):
+        for k in range(slacks.shape[1]):
+            for c in range(slacks.shape[2]):
+                total += abs(slacks[side, k, c] - rooms[side, k, c])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _largest_gap(slacks: Array, rooms: Array) -> float:
+    """Largest difference of slacks and rooms."""
+    largest = 0.0
+    for side in range(2):
+        for k in range(slacks.shape[1]):
+            for c in range(slacks.shape[2]):
+                largest = max(largest, abs(slacks[side, k, c] - rooms[side, k, c]))
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms: Array) -> Array:
+    """Slacks after a step: the room itself where the limit was kept or now is, what the step says elsewhere.
+
+    Negative where a limit that was kept is about to be broken: such a step is refused.
+    """
+    out = np.empty_like(slacks)
+    for side in range(2):
+        for k in range(slacks.shape[1]):
+            for c in range(slacks.shape[2]):
+                slack, room = slacks[side, k, c], new_rooms[side, k, c]
+                if slack == rooms[side, k, c]:
+                    out[side, k, c] = room if room > 0.5 * (1.0 - TO_BOUNDARY) * slack else -1.0
+                else:
+                    out[side, k, c] = max(room, slack + length * steps[side, k, c])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _merit(
+    weights: Array, task: Task, point: Point, slacks: Array, rooms: Array, barrier: float, eps: float, penalty: float
+) -> float:
+    """Smoothed index with the barrier of the slacks and the l1 penalty on what they miss; inf outside the barrier."""
+    logarithms = 0.0
+    for side in range(2):
+        for k in range(slacks.shape[1]):
+            for c in range(slacks.shape[2]):
+                if not slacks[side, k, c] > 0.0:
+                    return np.inf
+                logarithms += np.log(slacks[side, k, c])
+    smooth = index(weights, point.tau, task.power, eps)
+    return smooth - barrier * logarithms + penalty * _distance(slacks, rooms)

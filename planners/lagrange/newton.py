@@ -1,0 +1,246 @@
+"""The local model of a least-torque problem: loads, index, and Newton's equations with exact second derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.lagrange.torque_derivatives import add_torque_curvature_lane, torque_jacobian_lane, torques_lane
+from planners.lagrange.transcription import Transcription
+from planners.typing import Array
+
+
+class Task(NamedTuple):
+    """What is to be minimised within what limits.
+
+    Attributes:
+        coupling, weight: constants of the arm's dynamics.
+        orders: order of derivative that each limit bounds, -1 for torque, ``(limits,)``.
+        joints: joint that each limit bounds, ``(limits,)``.
+        inverse_limits: 1 / limit, ``(limits,)``.
+        power: of |tau| in the integrand, 1 or 2.
+        unit: torque that counts as 1, N m.
+    """
+
+    coupling: Array
+    weight: Array
+    orders: NDArray[np.int64]
+    joints: NDArray[np.int64]
+    inverse_limits: Array
+    power: int
+    unit: float
+
+
+class Point(NamedTuple):
+    """A motion seen at the instants.
+
+    Attributes:
+        links: link angles and their derivatives, ``(points, 4, n)``.
+        tau: joint torques in units, ``(points, n)``.
+        load: signed value / limit of every limit, ``(points, limits)``.
+    """
+
+    links: Array
+    tau: Array
+    load: Array
+
+
+class Model(NamedTuple):
+    """Newton's equations, banded, and what they were made of.
+
+    Attributes:
+        hessian: rows of a banded matrix as in :mod:`planners.lagrange.banded`.
+        gradient: of the index with the barrier, slacks and duals eliminated, ``(size,)``.
+        index_gradient: of the index alone, ``(size,)``.
+        jacobians: derivatives of the torques in units, ``(points, n, 3, n)``.
+    """
+
+    hessian: Array
+    gradient: Array
+    index_gradient: Array
+    jacobians: Array
+
+
+@njit(cache=True, nogil=True)
+def displace(tr: Transcription, x: Array) -> Array:
+    """Change of the links' motion by a change ``x`` ``(unknowns, n)`` of the unknowns, ``(points, 4, n)``."""
+    points, orders, support = tr.functions.shape
+    n = x.shape[1]
+    links = np.zeros((points, orders, n))
+    for k in range(points):
+        for d in range(orders):
+            for i in range(support):
+                for j in range(n):
+                    links[k, d, j] += tr.functions[k, d, i] * x[tr.first[k] + i, j]
+    return links
+
+
+@njit(cache=True, nogil=True)
+def look_at(tr: Transcription, task: Task, x: Array) -> Point:
+    """Motion, torques and loads for unknowns ``x`` ``(unknowns, n)``."""
+    links = displace(tr, x)
+    n = x.shape[1]
+    tau = np.empty((links.shape[0], n))
+    for k in range(links.shape[0]):
+        for d in range(links.shape[1]):
+            for j in range(n):
+                links[k, d, j] += tr.base[k, d, j]
+        torques_lane(task.coupling, task.weight, links[k], tau[k])
+    load = bounded(task, links, tau)
+    for k in range(links.shape[0]):
+        for c in range(task.orders.shape[0]):
+            load[k, c] *= tr.acts[k, task.orders[c]]  # what the ends decide is no matter of the unknowns; -1: the last
+        for j in range(n):
+            tau[k, j] /= task.unit
+    return Point(links, tau, load)
+
+
+@njit(cache=True, nogil=True)
+def bounded(task: Task, links: Array, tau: Array) -> Array:
+    """What every limit bounds, over the limit, from links' motion and torques (N m): ``(points, limits)``."""
+    load = np.empty((links.shape[0], task.orders.shape[0]))
+    for c in range(task.orders.shape[0]):
+        order, joint = task.orders[c], task.joints[c]
+        for k in range(links.shape[0]):
+            if order < 0:
+                value = tau[k, joint]
+            else:
+                value = links[k, order, joint]
+                if joint > 0:
+                    value -= links[k, order, joint - 1]
+            load[k, c] = value * task.inverse_limits[c]
+    return load
+
+
+@njit(cache=True, nogil=True)
+def index(weights: Array, tau: Array, power: int, eps: float) -> float:
+    """Integral of ``sum (tau^2 + eps^2)^(1/2)`` (power 1) or ``sum tau^2`` (power 2)."""
+    total = 0.0
+    for k in range(tau.shape[0]):
+        for j in range(tau.shape[1]):
+            square = tau[k, j] ** 2
+            total += weights[k] * (np.sqrt(square + eps * eps) if power == 1 else square)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def newton_model(
+    tr: Transcription, task: Task, weights: Array, point: Point, sign: Array, eps: float,
+    force: Array, multiplier: Array, stiffness: Array,
+) -> Model:  # fmt: skip
+    """Newton's equations at a point.
+
+    Args:
+        tr: the motion as a linear map of the unknowns.
+        task: index and limits.
+        weights: of the instants in the index, ``(points,)``.
+        point: where.
+        sign: present dual variable of every torque, in [-1, 1], ``(points, n)``.
+        eps: width of the smoothed |tau|, units.
+        force, multiplier, stiffness: of every limit: derivative of the barrier by the load, present multiplier, and
+            second derivative of the barrier, ``(points, limits)``.
+    """
+    points, n = point.tau.shape
+    support = tr.functions.shape[2]
+    size = (tr.first.max() + support) * n
+    hessian = np.zeros((size, support * n))
+    gradient, index_gradient = np.zeros(size), np.zeros(size)
+    jacobians = np.empty((points, n, 3, n))
+    highest = 2
+    for order in task.orders:
+        highest = max(highest, order)
+    curvature = np.empty((4, n, 4, n))
+    pull, index_pull = np.empty((4, n)), np.empty((4, n))
+    slopes, bends, factors = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(points):
+        curvature[:] = 0.0
+        pull[:] = 0.0
+        index_pull[:] = 0.0
+        for j in range(n):
+            tau = point.tau[k, j]
+            if task.power == 1:
+                root = np.sqrt(tau * tau + eps * eps)
+                slopes[j] = weights[k] * tau / root
+                bends[j] = weights[k] * (1.0 - sign[k, j] * tau / root) / root
+            else:
+                slopes[j], bends[j] = 2.0 * weights[k] * tau, 2.0 * weights[k]
+            factors[j] = slopes[j] / task.unit
+        torque_jacobian_lane(task.coupling, task.weight, point.links[k], jacobians[k])
+        jacobian = jacobians[k]
+        for j in range(n):
+            for d in range(3):
+                for a in range(n):
+                    jacobian[j, d, a] /= task.unit
+        _add_torques(slopes, bends, jacobian, index_pull, curvature)
+        for d in range(3):
+            for a in range(n):
+                pull[d, a] = index_pull[d, a]
+        for j in range(n):
+            slopes[j] = bends[j] = 0.0
+        for c in range(task.orders.shape[0]):
+            order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[c]
+            push, stiff = force[k, c] * inverse, stiffness[k, c] * inverse * inverse
+            if order < 0:
+                slopes[j], bends[j] = push * task.unit, stiff * task.unit**2
+                factors[j] += multiplier[k, c] * inverse
+                continue
+            pull[order, j] += push
+            curvature[order, j, order, j] += stiff
+            if j > 0:
+                pull[order, j - 1] -= push
+                curvature[order, j - 1, order, j - 1] += stiff
+                curvature[order, j - 1, order, j] -= stiff
+                curvature[order, j, order, j - 1] -= stiff
+        _add_torques(slopes, bends, jacobian, pull, curvature)
+        add_torque_curvature_lane(task.coupling, task.weight, point.links[k], factors, curvature)
+        _condense(tr.functions[k], tr.first[k], highest + 1, curvature, hessian)
+        for i in range(support):
+            for a in range(n):
+                here = (tr.first[k] + i) * n + a
+                for d in range(highest + 1):
+                    gradient[here] += tr.functions[k, d, i] * pull[d, a]
+                    index_gradient[here] += tr.functions[k, d, i] * index_pull[d, a]
+    return Model(hessian, gradient, index_gradient, jacobians)
+
+
+@njit(cache=True, nogil=True)
+def _add_torques(slopes: Array, bends: Array, jacobian: Array, pull: Array, curvature: Array) -> None:
+    """Add first and (without the torques' own curvature) second derivatives of a function of the torques."""
+    n = slopes.shape[0]
+    for j in range(n):
+        if slopes[j] == 0.0 and bends[j] == 0.0:
+            continue
+        for d in range(3):
+            for a in range(n):
+                pull[d, a] += slopes[j] * jacobian[j, d, a]
+                scaled = bends[j] * jacobian[j, d, a]
+                for e in range(3):
+                    for b in range(n):
+                        curvature[d, a, e, b] += scaled * jacobian[j, e, b]
+
+
+@njit(cache=True, nogil=True)
+def _condense(functions: Array, first: int, orders: int, curvature: Array, hessian: Array) -> None:
+    """Add one instant's second derivatives, by the unknowns, to the banded matrix."""
+    support, n = functions.shape[1], curvature.shape[1]
+    band = hessian.shape[1] - 1
+    row = np.empty((orders, n))
+    for i in range(support):
+        for a in range(n):
+            here = (first + i) * n + a
+            for e in range(orders):
+                for b in range(n):
+                    total = 0.0
+                    for d in range(orders):
+                        total += functions[d, i] * curvature[d, a, e, b]
+                    row[e, b] = total
+            for other in range(i + 1):
+                column = (first + other) * n - here + band
+                for b in range(n if other < i else a + 1):
+                    total = 0.0
+                    for e in range(orders):
+                        total += row[e, b] * functions[e, other]
+                    hessian[here, column + b] += total

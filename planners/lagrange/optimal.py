@@ -1,0 +1,269 @@
+"""The default Lagrange planner: least joint torque between two joint states in a given time, within every limit.
+
+It takes the interpolation of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange
+Interpolation Method" (eq 8, 9) to Chebyshev-Lobatto nodes in barycentric form, with start and end met exactly in angle
+and velocity, and its direct grid search to a compiled interior point method with exact derivatives, from several
+starts. Every plan is checked on a dense grid with exact inverse dynamics, and planned again within tighter limits where
+the check finds an excess.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+
+from planners.dpct.sampling import Motion, sample_ride, to_trajectory
+from planners.lagrange.goals import Elbow, goal_postures
+from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective
+from planners.lagrange.polish import polished
+from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to
+from planners.lagrange.search import Fit, least_torque
+from planners.lagrange.transcription import Ends
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory
+from planners.typing import Array
+
+NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
+
+START_TOLERANCE = 1e-3
+"""Excess of a limit, as a fraction of it, that the start state may bring along."""
+
+LEISURE = 1.25
+"""Rendezvous time chosen, as a multiple of the earliest one found."""
+
+SETTLED = 0.5
+"""How long before the horizon the target is met at the latest, if it can be, s."""
+
+MET = np.array([[1e-6], [1e-6], [1e-3]])
+"""Differences of joint angle, velocity and acceleration (SI units) at which the arm rides with the target already."""
+
+TIME_PRECISION, GROWTH, MOST_GROWTHS = 0.01, 1.5, 16
+"""Of the least time of a move: relative precision, and how the first one that is long enough is looked for."""
+
+_PLANNER = "lagrange (optimal)"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Options of a plan, checked; see `plan_optimal`."""
+
+    objective: Objective
+    degree: int
+    polish: bool
+    guess: Curve | None
+    explain: bool
+
+
+def plan_optimal(
+    problem: MotionProblem,
+    *,
+    objective: Objective = "PI1",
+    nodes: int = NODES,
+    polish: bool = False,
+    elbow: Elbow = "best",
+    rendezvous_time: float | None = None,
+    clamp_acceleration: bool | None = None,
+    guess: Trajectory | None = None,
+    explain: bool = True,
+) -> Trajectory:
+    """Move with the least torque: to a fixed target in the whole horizon, or onto a moving one and on with it.
+
+    A fixed target is reached, at rest, at the horizon. A moving one is met at the rendezvous time with its velocity
+    (and acceleration), and then followed exactly along its line until the horizon, or until riding on would break a
+    limit.
+
+    Args:
+        problem: the motion asked for.
+        objective: ``"PI1"``, the integral of sum |tau| (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
+        nodes: of the interpolation, both ends included.
+        polish: go on to a dense transcription, 150 stages of linear acceleration.
+        elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.
+        rendezvous_time: when to meet a moving target, s; when left out 1.25 times the earliest time found, but half a
+            second before the horizon if that can be.
+        clamp_acceleration: whether the start's acceleration is continued and the target's met, so that torque and
+            acceleration do not jump there; if left out where there are jerk limits.
+        guess: an additional motion to start from, such as the plan for a similar problem.
+        explain: on failure find the least time that would do (about a second), for the message and the details.
+
+    Returns:
+        The trajectory; its cost is the objective over its whole duration.
+
+    Raises:
+        Infeasible: with reason ``late`` (``details["minimum_time"]``, s, is the shortest time found that would do),
+            ``start``, ``limits``, ``unreachable`` or ``no_window``.
+        ValueError: if an option is out of range.
+    """
+    if objective not in get_args(Objective):
+        raise ValueError(f"objective {objective!r} must be one of {', '.join(map(repr, get_args(Objective)))}")
+    if elbow not in get_args(Elbow):
+        raise ValueError(f"elbow {elbow!r} must be one of {', '.join(map(repr, get_args(Elbow)))}")
+    if not FEWEST_NODES <= nodes <= MOST_NODES:
+        raise ValueError(f"nodes {nodes} must be from {FEWEST_NODES} to {MOST_NODES}")
+    if rendezvous_time is not None and not isinstance(problem.target, MovingHand):
+        raise ValueError("only a moving target has a rendezvous_time; a fixed one is reached at the horizon")
+    if rendezvous_time is not None and not 0.0 < rendezvous_time <= problem.horizon:
+        raise ValueError(f"rendezvous_time {rendezvous_time} s must be in (0, horizon = {problem.horizon}] s")
+    clamp = clamp_acceleration
+    if clamp is None:
+        clamp = bool(np.isfinite(problem.joint_limits.jerk).any())
+    start = np.stack(problem.start)
+    move = JointMove(problem.loaded_arm, problem.joint_limits, Ends(start, start), problem.horizon, clamp)
+    _require_within_limits(move, 0, "start", 1.0 + START_TOLERANCE)
+    settings = Settings(objective, nodes - 1, polish, _curve(guess) if guess else None, explain)
+    if isinstance(problem.target, MovingHand):
+        return _plan_rendezvous(problem, problem.target, move, elbow, rendezvous_time, settings)
+    return _plan_to_rest(problem, problem.target, move, elbow, settings)
+
+
+def _plan_to_rest(
+    problem: MotionProblem, target: FixedJoints | FixedHand, move: JointMove, elbow: Elbow, settings: Settings
+) -> Trajectory:
+    """Come to rest at a fixed target at the horizon."""
+    still = np.zeros(problem.arm.n_joints)
+    goals = [np.stack([goal, still, still]) for goal in goal_postures(problem, target, elbow)]
+    moves = [replace(move, ends=Ends(move.ends.start, goal)) for goal in goals]
+    for candidate in moves if len(moves) == 1 else []:
+        _require_within_limits(candidate, 1, "limits", 1.0)
+    fit = _best_fit(moves, settings)
+    if fit is None:
+        raise _late(
+            lambda duration, guess: least_torque(
+                [candidate.lasting(duration) for candidate in moves], settings.objective, settings.degree, guess
+            ),
+            problem.horizon,
+            settings.explain,
+        )
+    samples = _sample(fit)
+    trajectory = Trajectory(
+        t=samples.t,
+        q=samples.q,
+        qd=samples.qd,
+        qdd=samples.qdd,
+        tau=samples.tau,
+        limit_ratios=fit.limit_ratios,
+        cost=0.0,
+        rendezvous_time=problem.horizon,
+        planner=_PLANNER,
+    )
+    return _with_cost(trajectory, settings)
+
+
+def _plan_rendezvous(
+    problem: MotionProblem,
+    target: MovingHand,
+    move: JointMove,
+    elbow: Elbow,
+    rendezvous_time: float | None,
+    settings: Settings,
+) -> Trajectory:
+    """Meet a moving target and ride with it."""
+    rides = find_rides(problem, target, elbow)
+    for ride in rides:
+        window = ride.window_at(0.0)
+        if rendezvous_time is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
+            riding = sample_ride(ride.line, 0.0, min(problem.horizon, window.closes))
+            return _with_cost(to_trajectory(ride.line, [riding], window, 0.0, 0.0), settings)
+    time = rendezvous_time or _choose_time(rides, move, problem.horizon)
+    candidates = moves_to(rides, move, time)
+    if not candidates:
+        raise Infeasible("no_window", f"at {time:.4g} s no ride with the target keeps the limits; choose another time")
+    fit = _best_fit(list(candidates.values()), settings)
+    if fit is None:
+        found = earliest(rides, move, problem.horizon, problem.horizon) if settings.explain else math.inf
+        raise _too_late(time, found)
+    ride = next(rides[i] for i, candidate in candidates.items() if candidate is fit.minimum.move)
+    window = ride.window_at(time)
+    assert window is not None  # or it were no candidate
+    riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
+    trajectory = to_trajectory(ride.line, [_sample(fit), riding], window, time, 0.0)
+    ridden = to_trajectory(ride.line, [riding], window, time, 0.0).limit_ratios
+    ratios = {kind: max(ratio, fit.limit_ratios[kind]) for kind, ratio in ridden.items()}
+    return _with_cost(replace(trajectory, limit_ratios=ratios), settings)
+
+
+def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> float:
+    """A rendezvous time that leaves some leisure."""
+    preferred = max(horizon - SETTLED, 0.5 * horizon)
+    soonest = earliest(rides, move, preferred, horizon)
+    if soonest > horizon:
+        raise _too_late(horizon, soonest)
+    closes = max(window.closes for ride in rides for window in ride.windows if window.opens <= soonest)
+    return max(soonest, min(LEISURE * soonest, preferred, closes))
+
+
+def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
+    fit = least_torque(moves, settings.objective, settings.degree, settings.guess)
+    return polished(fit, settings.objective) if fit is not None and settings.polish else fit
+
+
+def _require_within_limits(move: JointMove, side: int, reason: str, most: float) -> None:
+    """Refuse an end of the move that breaks a limit by itself."""
+    loads = move.end_loads[side]
+    kind, joint = np.unravel_index(int(loads.argmax()), loads.shape)
+    if loads[kind, joint] > most:
+        where = ("starts", "is to end")[side]
+        raise Infeasible(
+            reason,
+            f"joint {joint + 1} {where} at {loads[kind, joint]:.4g} times its {KINDS[kind]} limit",
+            joint=int(joint),
+            kind=KINDS[kind],
+            ratio=float(loads[kind, joint]),
+        )
+
+
+def _late(search: Callable[[float, Curve | None], Fit | None], horizon: float, explain: bool) -> Infeasible:
+    """Why a fixed target cannot be reached: the least time that would do, by growing and halving."""
+    if not explain:
+        return _too_late(horizon, math.inf)
+    low, high, fit = horizon, horizon, None
+    for _ in range(MOST_GROWTHS):
+        low, high = high, GROWTH * high
+        fit = search(high, None)
+        if fit is not None:
+            break
+    if fit is None:
+        return Infeasible("limits", f"no motion within the limits found, not even in {high:.4g} s")
+    while high - low > TIME_PRECISION * high:
+        middle = 0.5 * (low + high)
+        found = search(middle, fit.curve)
+        low, high, fit = (middle, high, fit) if found is None else (low, middle, found)
+    while search(high, None) is None:  # without the plan for a longer time to start from
+        high *= 1.0 + TIME_PRECISION
+    return _too_late(horizon, high)
+
+
+def _too_late(time: float, minimum: float) -> Infeasible:
+    if math.isinf(minimum):
+        return Infeasible("late", f"no motion within the limits takes only {time:.4g} s", time=time)
+    return Infeasible(
+        "late",
+        f"no motion within the limits takes only {time:.4g} s; allow at least {minimum:.4g} s",
+        time=time,
+        minimum_time=minimum,
+    )
+
+
+def _sample(fit: Fit) -> Motion:
+    """A fit at equally spaced instants."""
+    q, qd, qdd, jerk = fit.minimum.seen_on(fit.samples)
+    move = fit.minimum.move
+    return Motion(fit.samples.s * move.duration, q, move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk)
+
+
+def _with_cost(trajectory: Trajectory, settings: Settings) -> Trajectory:
+    rate = np.abs(trajectory.tau) if settings.objective == "PI1" else np.square(trajectory.tau)
+    cost = float(np.trapezoid(rate.sum(axis=1), trajectory.t))
+    name = f"{_PLANNER}, polished" if settings.polish else _PLANNER
+    return replace(trajectory, cost=cost, planner=name)
+
+
+def _curve(guess: Trajectory) -> Curve:
+    """A trajectory as a start of the search."""
+
+    def angles(s: Array) -> Array:
+        return guess.at(s * guess.duration)[0]
+
+    return angles

@@ -1,0 +1,175 @@
+"""From unknowns to motion: the joint angles and their derivatives at given instants, linear in the unknowns.
+
+Two bases share one form. The Lagrange basis has every unknown (the angles at interior nodes) act everywhere; the cubic
+B-splines of the dense basis act on four stages each, so that its matrices are banded. In both, start and end are met
+exactly for any values of the unknowns.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from planners.lagrange.interpolation import (
+    differentiation_matrices,
+    evaluation_matrix,
+    lobatto_nodes,
+    lobatto_quadrature,
+)
+from planners.typing import Array
+
+ORDERS = 4
+"""Joint angle, velocity, acceleration and jerk."""
+
+
+class Basis(NamedTuple):
+    """How a scalar motion over the unit of time follows from its unknowns and its values at both ends.
+
+    Attributes:
+        s: instants in [0, 1], ``(points,)``.
+        weights: quadrature weights of the instants, ``(points,)``.
+        first: number of the first unknown that acts at each instant, ``(points,)``.
+        functions: what those that act contribute to each order of derivative, ``(points, 4, support)``.
+        ends: what angle, velocity and acceleration at the start, then at the end, contribute, ``(points, 4, 6)``.
+        fitting: least-squares inverse: from angles at the instants to the unknowns, ``(unknowns, points)``.
+    """
+
+    s: Array
+    weights: Array
+    first: NDArray[np.int64]
+    functions: Array
+    ends: Array
+    fitting: Array
+
+
+class Transcription(NamedTuple):
+    """A basis put to one problem: absolute link angles in radians, time in seconds.
+
+    Attributes:
+        weights: quadrature weights of the instants, s, ``(points,)``.
+        first: number of the first unknown that acts at each instant, ``(points,)``.
+        functions: what those that act contribute to each order of derivative, ``(points, 4, support)``.
+        base: the motion with all unknowns zero, ``(points, 4, n)``.
+        acts: 1 where the unknowns act on the angle, the velocity, the acceleration, the jerk and the torque, 0 where
+            the ends decide alone, ``(points, 5)``.
+    """
+
+    weights: Array
+    first: NDArray[np.int64]
+    functions: Array
+    base: Array
+    acts: Array
+
+
+class Ends(NamedTuple):
+    """Joint angles, velocities and accelerations at the start and the end of a motion, ``(3, n)`` each, SI units."""
+
+    start: Array
+    end: Array
+
+
+@lru_cache(maxsize=64)
+def lagrange_basis(degree: int, clamp_acceleration: bool, points: int, *, uniform: bool = False) -> Basis:
+    """Lagrange polynomials of a degree on Chebyshev-Lobatto nodes, seen at ``points`` instants.
+
+    The instants are Chebyshev-Lobatto points too, close together where polynomials are lively, or equally spaced. The
+    angles at the ends are given; those at the one or two nodes next to them follow from the velocities and, if it is
+    clamped, the acceleration there. All others are the unknowns.
+    """
+    s = np.linspace(0.0, 1.0, points) if uniform else lobatto_nodes(points - 1)
+    weights = _trapezoid(points) if uniform else lobatto_quadrature(points - 1)
+    return _clamp(_lagrange_values(degree, s), s, weights, degree + 1, clamp_acceleration)
+
+
+@lru_cache(maxsize=8)
+def spline_basis(stages: int, clamp_acceleration: bool, points_per_stage: int) -> Basis:
+    """Cubic B-splines (acceleration linear on every stage), seen at equally spaced instants, stage borders included."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, stages + 1), np.ones(3)])
+    s = np.linspace(0.0, 1.0, stages * points_per_stage + 1)
+    spline = BSpline(knots, np.eye(stages + 3), 3)
+    values = np.stack([spline.derivative(order)(s) if order else spline(s) for order in range(ORDERS)], axis=1)
+    return _clamp(values, s, _trapezoid(len(s)), stages + 3, clamp_acceleration)
+
+
+def transcribe(basis: Basis, ends: Ends, duration: float) -> Transcription:
+    """Put a basis to a motion between two joint states in a given time (s)."""
+    powers = duration ** np.arange(ORDERS)
+    given = np.concatenate([ends.start * powers[:3, None], ends.end * powers[:3, None]]).cumsum(axis=1)
+    acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
+    return Transcription(
+        basis.weights * duration,
+        basis.first,
+        basis.functions / powers[:, None],
+        np.ascontiguousarray(basis.ends @ given / powers[:, None]),
+        np.column_stack([acts, acts[:, :3].any(axis=1)]).astype(float),
+    )
+
+
+def motion(transcription: Transcription, unknowns: Array) -> Array:
+    """Joint angles, velocities, accelerations and jerks at the instants, ``(4, points, n)``, SI units.
+
+    Args:
+        transcription: of the problem.
+        unknowns: absolute link angles, ``(unknowns, n)``, rad.
+    """
+    support = transcription.functions.shape[2]
+    acting = unknowns[transcription.first[:, None] + np.arange(support)]
+    links = transcription.base + transcription.functions @ acting
+    return np.ascontiguousarray(np.diff(links, axis=2, prepend=0.0).transpose(1, 0, 2))
+
+
+def fit(basis: Basis, transcription: Transcription, q: Array) -> Array:
+    """Unknowns whose motion is closest to joint angles ``q`` ``(points, n)`` at the instants, by least squares."""
+    remainder = np.cumsum(q, axis=1) - transcription.base[:, 0]
+    unknowns: Array = basis.fitting @ remainder
+    return unknowns
+
+
+def _trapezoid(points: int) -> Array:
+    """Trapezoidal weights of equally spaced instants."""
+    weights = np.full(points, 1.0 / (points - 1))
+    weights[[0, -1]] /= 2.0
+    return weights
+
+
+def _lagrange_values(degree: int, s: Array) -> Array:
+    """Lagrange polynomials and their derivatives, ``(points, 4, degree + 1)``."""
+    matrices = differentiation_matrices(degree, ORDERS - 1)
+    return np.stack([evaluation_matrix(degree, s) @ matrix for matrix in matrices], axis=1)
+
+
+def _clamp(values: Array, s: Array, weights: Array, count: int, clamp_acceleration: bool) -> Basis:
+    """Express the outermost coefficients of a basis by what is given at the ends; the others are the unknowns.
+
+    Args:
+        values: of all functions, with derivatives, at the instants, ``(points, 4, count)``.
+        s: instants, the first at the start, the last at the end.
+        weights: of the instants.
+        count: how many functions there are.
+        clamp_acceleration: whether the accelerations at the ends are given too.
+    """
+    orders = 3 if clamp_acceleration else 2
+    dependent = np.r_[0:orders, count - orders : count]
+    free = np.arange(orders, count - orders)
+    given = np.r_[0:orders, 3 : 3 + orders]
+    conditions = np.concatenate([values[0, :orders], values[-1, :orders]])
+    inverse = np.linalg.inv(conditions[:, dependent])
+    functions = values[:, :, free] - values[:, :, dependent] @ (inverse @ conditions[:, free])
+    ends = np.zeros((len(s), ORDERS, 6))
+    ends[:, :, given] = values[:, :, dependent] @ inverse
+    return Basis(s, weights, *_localise(functions), ends, np.linalg.pinv(functions[:, 0]))
+
+
+def _localise(functions: Array) -> tuple[NDArray[np.int64], Array]:
+    """First acting function of each instant, and the values of as many as act at any one instant."""
+    acting = np.abs(functions).max(axis=1) > 1e-12 * np.abs(functions).max(axis=(0, 1))
+    count = functions.shape[2]
+    firsts = np.where(acting.any(axis=1), acting.argmax(axis=1), count)
+    lasts = np.where(acting.any(axis=1), count - acting[:, ::-1].argmax(axis=1), 0)
+    support = int((lasts - firsts).max())
+    first = np.minimum(firsts, count - support).astype(np.int64)
+    return first, np.take_along_axis(functions, (first[:, None] + np.arange(support))[:, None, :], axis=2)

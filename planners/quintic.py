@@ -1,0 +1,75 @@
+"""The quintic: the smoothest polynomial from rest to rest, and the yardstick of every better one.
+
+``q(t) = q0 + (qf - q0) (10 s^3 - 15 s^4 + 6 s^5)`` with ``s = t / T``: velocity and acceleration vanish at both ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planners.dynamics import inverse_dynamics_lane
+from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.typing import Array
+
+SAMPLES = 200
+"""Intervals of time into which a motion is divided where its torque is integrated or checked."""
+
+
+def plan(problem: MotionProblem) -> Trajectory:
+    """Move every joint by its quintic, from rest to rest, over the whole horizon.
+
+    Args:
+        problem: with a target in joint angles and a start at rest.
+
+    Returns:
+        The trajectory; its cost is PI1, the integral of the summed absolute torques, N m s. Limits are not looked at:
+        ``limit_ratios`` tells.
+
+    Raises:
+        Infeasible: with reason ``start`` if the start moves.
+        ValueError: if the target is not given in joint angles.
+    """
+    if not isinstance(problem.target, FixedJoints):
+        raise ValueError(f"a quintic needs a target in joint angles, not {type(problem.target).__name__}")
+    q0, qd0, _ = problem.start
+    if np.abs(qd0).max() > 1e-3:
+        raise Infeasible("start", f"a quintic from rest to rest cannot start at {qd0} rad/s", qd=qd0)
+    arm, change = problem.loaded_arm, problem.target.q - problem.q
+    s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
+    q = q0 + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    qd = change / problem.horizon * 30.0 * s**2 * (1.0 - s) ** 2
+    qdd = change / problem.horizon**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+    tau, t = arm.inverse_dynamics(q, qd, qdd), problem.horizon * s[:, 0]
+    return Trajectory(
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
+        cost=float(np.trapezoid(np.abs(tau).sum(axis=1), t)),
+        rendezvous_time=problem.horizon,
+        planner="quintic",
+    )
+
+
+@njit(cache=True, nogil=True)
+def quintic_effort(coupling: Array, weight: Array, q0: Array, qf: Array, duration: float, peak: Array) -> float:
+    """PI1 (N m s) of the quintic from ``q0`` to ``qf``, ``(n,)``, in ``duration`` s; fills ``peak`` torques, N m."""
+    n = q0.shape[0]
+    q, qd, qdd, tau = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    effort = 0.0
+    peak[:] = 0.0
+    for sample in range(SAMPLES + 1):
+        s = sample / SAMPLES
+        for i in range(n):
+            change = qf[i] - q0[i]
+            q[i] = q0[i] + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+            qd[i] = change / duration * 30.0 * s**2 * (1.0 - s) ** 2
+            qdd[i] = change / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+        inverse_dynamics_lane(coupling, weight, q, qd, qdd, tau)
+        for i in range(n):
+            peak[i] = max(peak[i], abs(tau[i]))
+            effort += abs(tau[i]) * (0.5 if sample in (0, SAMPLES) else 1.0)
+    return effort * duration / SAMPLES

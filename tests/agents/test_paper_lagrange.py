@@ -1,0 +1,150 @@
+"""The command that regenerates the minimal-torque paper's results."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.paper_lagrange import (
+    ALGORITHMS,
+    MODELS,
+    PaperLagrangeOptions,
+    PlanRow,
+    PublishedRow,
+    facts,
+    figure,
+    paper_problem,
+    published_rows,
+    run,
+    search_rows,
+)
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
+    run(PaperLagrangeOptions(json=path))
+    assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[list[PublishedRow], list[PlanRow]]:
+    return list(published_rows()), list(search_rows())
+
+
+@pytest.fixture
+def searched(rows: tuple[list[PublishedRow], list[PlanRow]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches done once, and no moves."""
+    monkeypatch.setattr("agents.paper_lagrange.search_rows", lambda: iter(rows[1]))
+    monkeypatch.setattr("agents.paper_lagrange.move_rows", lambda: iter(()))
+
+
+def test_every_table_is_complete(document: dict[str, Any]) -> None:
+    assert list(document) == ["published", "searches", "moves", "facts"]
+    printed = [(row["model"], row["algorithm"]) for row in document["published"]]
+    assert printed == [(model, algorithm) for model in MODELS for algorithm in ALGORITHMS.values()]
+    for table, plans in (
+        ("searches", ["1: Table 2's nodes", "1: 5 nodes (degree 4)", "1: 3 nodes (degree 2)", "2: degree 2"]),
+        (
+            "moves",
+            [
+                "cubic",
+                "quintic",
+                "2: degree 4",
+                "1: 5 nodes, eq 7",
+                "1: 5 nodes, Lobatto",
+                "optimal, PI1",
+                "optimal, PI2",
+            ],
+        ),
+    ):
+        assert [(row["model"], row["plan"]) for row in document[table]] == [(m, plan) for m in MODELS for plan in plans]
+        assert all(value is not None for row in document[table] for value in row.values())
+    assert len(document["facts"]) == 6
+
+
+def test_published_numbers_stand_beside_regenerated_ones(document: dict[str, Any]) -> None:
+    rows = document["published"]
+    assert [row["published_pi"] for row in rows] == [69.6216, 145.4126] * 2
+    assert [row["pi1"] for row in rows] == pytest.approx([8.482, 9.965, 5.557, 15.047], abs=6e-4)
+    assert rows[0]["end_angle"] == pytest.approx([1.0145, -0.0391, 0.0157], abs=5e-5)
+    assert max(map(abs, rows[0]["start_velocity"])) == pytest.approx(9.4528, abs=5e-5)
+
+
+def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
+    order, times, goal, speeds, grid, degrees = (fact["values"] for fact in document["facts"])
+    assert order["published_ratio"] == pytest.approx(2.089, abs=5e-4)
+    assert list(order["ratios"].values()) == pytest.approx([1.175, 2.708], abs=5e-4)
+    assert all(ratio > 1.0 for ratio in order["ratios"].values())
+    assert times["sines"] == pytest.approx(times["table_2"][:4], abs=5e-5)
+    assert np.abs(np.subtract(times["equation_7"], times["table_2"])).max() > 0.08
+    assert np.abs(np.subtract(goal["end_angle"], [1.0, 0.0, 0.0])).max() > 0.03
+    assert min(speeds["start_speeds"].values()) > 9.0
+    assert speeds["turning_pi"] == 0.0
+    assert all(row["least"] < 0.5 * row["table_3"] for row in grid["own_grid"].values())
+    pi = degrees["pi"]
+    assert pi["degree_4"] < pi["degree_2"] < pi["table_3"] < pi["table_4"]
+
+
+def test_moves_are_from_rest_and_the_optimal_planner_keeps_the_limits(document: dict[str, Any]) -> None:
+    for model in MODELS:
+        moves = {row["plan"]: row for row in document["moves"] if row["model"] == model}
+        assert all(row["start_speed"] == pytest.approx(0.0, abs=1e-9) for row in moves.values())
+        for index in ("pi1", "pi2"):
+            best = moves[f"optimal, {index.upper()}"]
+            assert max(best["torque_ratio"], best["angle_ratio"]) <= 1.0
+            assert best[index] < 0.8 * min(row[index] for plan, row in moves.items() if "optimal" not in plan)
+    horizontal = {row["plan"]: row for row in document["moves"] if row["model"] == "gravity off"}
+    # closed forms; sums of trapezoids half a millisecond wide agree with them to that
+    assert [horizontal[plan]["pi1"] for plan in ("cubic", "quintic")] == pytest.approx([4.4, 5.5], abs=1e-5)
+    assert [horizontal[plan]["pi2"] for plan in ("cubic", "quintic")] == pytest.approx([12.302, 17.574], abs=6e-4)
+
+
+@pytest.mark.usefixtures("searched")
+def test_tables_and_facts_are_printed(
+    rows: tuple[list[PublishedRow], list[PlanRow]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(PaperLagrangeOptions())
+    printed = capsys.readouterr().out
+    assert "69.6216" in printed
+    assert "-0.85 9.45 -3.38" in printed
+    words = " ".join(printed.split())
+    for fact in facts(*rows):
+        assert fact.statement in words
+
+
+@pytest.mark.usefixtures("searched")
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
+def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes) -> None:
+    path = tmp_path / f"figures{suffix}"
+    run(PaperLagrangeOptions(plot=path, dpi=20))
+    assert path.read_bytes().startswith(magic)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_plot_without_matplotlib_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    real_import = builtins.__import__
+
+    def no_matplotlib(name: str, *args: Any) -> Any:
+        if name.startswith("matplotlib"):
+            raise ModuleNotFoundError(name)
+        return real_import(name, *args)
+
+    monkeypatch.setattr(builtins, "__import__", no_matplotlib)
+    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
+        figure("png", 20)
+
+
+def test_the_scenario_is_the_papers() -> None:
+    arm = paper_problem("gravity on").arm
+    assert (arm.lengths, arm.masses, arm.coms) == ((0.2, 0.4, 0.2), (1.0, 2.0, 1.0), (0.1, 0.2, 0.1))
+    assert arm.gravity == 9.81
+    assert paper_problem().arm.gravity == 0.0
+    assert paper_problem().horizon == 1.0
