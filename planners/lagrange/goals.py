@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Literal
 
 import numpy as np
@@ -76,5 +75,5 @@ def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
         # A joint with a range has at most one whole turn that fits closest; without one the nearest is taken.
         rest = [next((a for a in angles if abs(a) <= r), None) for angles, r in zip(outer, ranges[1:], strict=True)]
         if abs(first) <= ranges[0] and None not in rest:
-            found.append(np.array([first, *itertools.chain(rest)], dtype=float))
+            found.append(np.array([first, *rest], dtype=float))
     return found

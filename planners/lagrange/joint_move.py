@@ -22,9 +22,10 @@ Curve = Callable[[Array], Array]
 """Joint angles ``(points, n)``, rad, at ``s`` of ``(points,)`` in [0, 1]."""
 
 KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
+CLOSE = 0.05
+"""Share of the duration within which the motion leaves a limit that the start lies on, or comes to one of the end."""
+
 _ORDERS = np.array([-1, 1, 2, 3, 0])
-_ALWAYS_ROOM = 1e-9
-"""Least room, as a fraction of the limit, between what the ends need and the limit the solver keeps."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,23 @@ class JointMove:
         """The move on a basis."""
         return transcribe(basis, self.ends, self.duration)
 
-    def task(self, objective: Objective, tightening: Array, unit: float) -> Task:
+    def task(self, basis: Basis, objective: Objective, tightening: Array, unit: float) -> Task:
         """What the solver is to do.
 
         Args:
+            basis: the functions of time to choose from.
             objective: index.
-            tightening: share of the limits to be used, by kind, ``(5,)``; what the ends need is allowed in any case.
+            tightening: share of the limits to be used, by kind, ``(5,)``; close to the ends at least what those need.
             unit: torque that counts as 1, N m.
         """
-        share = np.maximum(tightening[:, None], self.end_loads.max(axis=0) + _ALWAYS_ROOM)
+        excess = np.maximum(self.end_loads - tightening[:, None], 0.0)
+        closeness = np.maximum(1.0 - np.stack([basis.s, 1.0 - basis.s]) / CLOSE, 0.0)
+        share = tightening[:, None] + np.einsum("sk,sij->kij", closeness, excess)
         kinds, joints = np.nonzero(np.isfinite(self.limit_table))
-        inverse = 1.0 / (share * self.limit_table)[kinds, joints]
+        inverse = 1.0 / (share * self.limit_table)[:, kinds, joints]
+        # what the ends decide alone is no matter of the unknowns
+        acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
+        inverse *= np.column_stack([acts, acts[:, :3].any(axis=1)])[:, _ORDERS[kinds]]
         coupling, weight = self.arm.chain_constants
         return Task(coupling, weight, _ORDERS[kinds], joints, inverse, int(objective[2]), unit)
 
@@ -149,7 +156,7 @@ def minimise(
         effort: of the solver.
     """
     transcription = move.transcribe(basis)
-    task = move.task(objective, tightening, unit)
+    task = move.task(basis, objective, tightening, unit)
     start = np.ascontiguousarray(fit(basis, transcription, q))
     solution: Solution = solve(transcription, task, start, effort.barrier, effort.tolerance, effort.iterations)
     return Minimum(move, basis, solution.unknowns, solution.load <= 1.0 + 1e-5)

@@ -20,7 +20,7 @@ class Task(NamedTuple):
         coupling, weight: constants of the arm's dynamics.
         orders: order of derivative that each limit bounds, -1 for torque, ``(limits,)``.
         joints: joint that each limit bounds, ``(limits,)``.
-        inverse_limits: 1 / limit, ``(limits,)``.
+        inverse_limits: 1 / limit at every instant, 0 where it is not to be looked at, ``(points, limits)``.
         power: of |tau| in the integrand, 1 or 2.
         unit: torque that counts as 1, N m.
     """
@@ -91,8 +91,6 @@ def look_at(tr: Transcription, task: Task, x: Array) -> Point:
         torques_lane(task.coupling, task.weight, links[k], tau[k])
     load = bounded(task, links, tau)
     for k in range(links.shape[0]):
-        for c in range(task.orders.shape[0]):
-            load[k, c] *= tr.acts[k, task.orders[c]]  # what the ends decide is no matter of the unknowns; -1: the last
         for j in range(n):
             tau[k, j] /= task.unit
     return Point(links, tau, load)
@@ -111,7 +109,7 @@ def bounded(task: Task, links: Array, tau: Array) -> Array:
                 value = links[k, order, joint]
                 if joint > 0:
                     value -= links[k, order, joint - 1]
-            load[k, c] = value * task.inverse_limits[c]
+            load[k, c] = value * task.inverse_limits[k, c]
     return load
 
 
@@ -181,7 +179,7 @@ def newton_model(
         for j in range(n):
             slopes[j] = bends[j] = 0.0
         for c in range(task.orders.shape[0]):
-            order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[c]
+            order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[k, c]
             push, stiff = force[k, c] * inverse, stiffness[k, c] * inverse * inverse
             if order < 0:
                 slopes[j], bends[j] = push * task.unit, stiff * task.unit**2

@@ -15,7 +15,7 @@ import numpy as np
 from planners.dpct.feasibility import Window, joint_motion, ride_windows
 from planners.dpct.line import Line, reduce_to_line
 from planners.kinematics import UnreachableTarget, wrap
-from planners.lagrange.goals import Elbow, on_branch
+from planners.lagrange.goals import ORIENTATIONS, Elbow, on_branch
 from planners.lagrange.joint_move import JointMove
 from planners.lagrange.search import reaches
 from planners.lagrange.transcription import Ends
@@ -27,6 +27,8 @@ LOOKED_AT = 81
 
 HALVINGS = 5
 """How often the time in which the earliest rendezvous is looked for is halved."""
+
+MOST_RIDES = 4
 
 BEYOND = 4.0
 """Multiples of the horizon within which a rendezvous that comes too late is looked for."""
@@ -56,29 +58,27 @@ class Ride:
 
 
 def find_rides(problem: MotionProblem, target: MovingHand, elbow: Elbow) -> list[Ride]:
-    """Every way to go with the target, with at least one window.
+    """Ways to go with the target: if there are any, those that last until the horizon; else those that last longest.
 
     Raises:
         Infeasible: with reason ``unreachable`` if the hand never reaches the target, ``no_window`` if riding with it
             would always break a limit.
     """
-    postures = _postures_on_line(problem, target, elbow)
-    rides = []
-    for posture in postures:
-        still = np.zeros(problem.arm.n_joints)
+    still = np.zeros(problem.arm.n_joints)
+    rides, reason = [], Infeasible("no_window", "riding with the target breaks a limit at all times; slow it down")
+    for posture in _postures_on_line(problem, target, elbow):
         try:
             line = reduce_to_line(replace(problem, q=posture, qd=still, qdd=still))
         except Infeasible as refusal:
-            reason: Infeasible = refusal
+            reason = refusal
             continue
         windows = ride_windows(line)
         if windows:
             rides.append(Ride(line, windows))
-        else:
-            reason = Infeasible("no_window", "riding with the target breaks a limit at all times; slow it down")
     if not rides:
         raise reason
-    return rides
+    lasting = [ride for ride in rides if ride.window_at(problem.horizon) is not None]
+    return (lasting or sorted(rides, key=lambda ride: -ride.windows[-1].closes))[:MOST_RIDES]
 
 
 def moves_to(rides: Sequence[Ride], move: JointMove, t: float) -> dict[int, JointMove]:
@@ -126,16 +126,37 @@ def _joins(ride: Ride, move: JointMove, t: float) -> bool:
 
 
 def _postures_on_line(problem: MotionProblem, target: MovingHand, elbow: Elbow) -> list[Array]:
-    """For every branch the posture on the target's way that is farthest from straight and folded."""
-    times = np.linspace(0.0, problem.horizon, LOOKED_AT)
-    places = target.at(times)[0]
-    orientation = float(problem.q.sum()) if problem.arm.n_joints == 3 else None
+    """For every branch, and orientations of a third link, the posture on the target's way that is bent most squarely.
+
+    The orientation of the start, which the hand would keep, comes first.
+    """
+    places = target.at(np.linspace(0.0, problem.horizon, LOOKED_AT))[0]
+    orientations: list[float | None] = [None]
+    if problem.arm.n_joints == 3:
+        turns = (
+            2.0 * np.pi / ORIENTATIONS * np.array(sorted(range(ORIENTATIONS), key=lambda i: min(i, ORIENTATIONS - i)))
+        )
+        orientations = [float(problem.q.sum() + turn) for turn in turns]
+    postures: list[Array] = []
+    for orientation in orientations:
+        try:
+            branches = _reachable_branches(problem, places, orientation)
+        except UnreachableTarget as error:
+            unreachable = error
+            continue
+        squarest = branches[np.abs(np.sin(branches[:, 0, 1])).argmax()]
+        postures += [branch for branch in squarest if on_branch(branch, problem.q, elbow)]
+    if not postures:
+        raise Infeasible("unreachable", str(unreachable))
+    return [problem.q + wrap(posture - problem.q) for posture in postures]
+
+
+def _reachable_branches(problem: MotionProblem, places: Array, orientation: float | None) -> Array:
+    """Both branches wherever the target is within reach, ``(places, 2, n)``."""
     try:
-        branches = problem.arm.inverse_kinematics(places, orientation)
+        return problem.arm.inverse_kinematics(places, orientation)
     except UnreachableTarget as error:
-        places = np.delete(places, error.lanes, axis=0)
-        if len(places) == 0:
-            raise Infeasible("unreachable", str(error)) from error
-        branches = problem.arm.inverse_kinematics(places, orientation)
-    best = branches[np.abs(np.sin(branches[:, 0, 1])).argmax()]
-    return [problem.q + wrap(posture - problem.q) for posture in best if on_branch(posture, problem.q, elbow)]
+        reachable = np.delete(places, error.lanes, axis=0)
+        if len(reachable) == 0:
+            raise
+        return problem.arm.inverse_kinematics(reachable, orientation)

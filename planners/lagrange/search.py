@@ -38,6 +38,9 @@ MOST_MOVES, MOST_STARTS = 2, 10
 ALIKE = 1e-3
 """Relative difference of the index up to which two sketches count as one."""
 
+OVERSHOOT = 1e-6
+"""How much further, as a fraction of the limit, a joint may go where an end of the move lies on the limit itself."""
+
 FIRST_TIGHTENING = 1.0 - 5e-4
 BACK_OFF, ATTEMPTS = 1e-4, 6
 """How much tighter than the excess the limits become for the next attempt, and how many there are."""
@@ -104,7 +107,7 @@ def rank(sketches: Sequence[Minimum], objective: Objective) -> list[Minimum]:
     scored = sorted(((not sketch.feasible, sketch.index(objective)), i) for i, sketch in enumerate(sketches))
     best: list[tuple[tuple[bool, float], int]] = []
     for score, i in scored:
-        if len(best) < RIVALS and not (best and score[1] - best[-1][0][1] < ALIKE * score[1]):
+        if len(best) < RIVALS and not (best and abs(score[1] - best[-1][0][1]) < ALIKE * score[1]):
             best.append((score, i))
     return [sketches[i] for _, i in best]
 
@@ -140,7 +143,8 @@ def within_limits(
         unit: torque that counts as 1, N m.
         efforts: of the solver, first and then from close by.
     """
-    allowed = np.maximum(DENSE_LOAD, move.end_loads.max(axis=(0, 2)))
+    given = move.end_loads.max(axis=(0, 2))
+    allowed = np.where(given > DENSE_LOAD, np.maximum(1.0, given + OVERSHOOT), DENSE_LOAD)
     tightening = np.full(len(KINDS), FIRST_TIGHTENING)
     start, effort = q, efforts[0]
     for _ in range(ATTEMPTS):

@@ -54,15 +54,12 @@ class Transcription(NamedTuple):
         first: number of the first unknown that acts at each instant, ``(points,)``.
         functions: what those that act contribute to each order of derivative, ``(points, 4, support)``.
         base: the motion with all unknowns zero, ``(points, 4, n)``.
-        acts: 1 where the unknowns act on the angle, the velocity, the acceleration, the jerk and the torque, 0 where
-            the ends decide alone, ``(points, 5)``.
     """
 
     weights: Array
     first: NDArray[np.int64]
     functions: Array
     base: Array
-    acts: Array
 
 
 class Ends(NamedTuple):
@@ -99,13 +96,11 @@ def transcribe(basis: Basis, ends: Ends, duration: float) -> Transcription:
     """Put a basis to a motion between two joint states in a given time (s)."""
     powers = duration ** np.arange(ORDERS)
     given = np.concatenate([ends.start * powers[:3, None], ends.end * powers[:3, None]]).cumsum(axis=1)
-    acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
     return Transcription(
         basis.weights * duration,
         basis.first,
         basis.functions / powers[:, None],
         np.ascontiguousarray(basis.ends @ given / powers[:, None]),
-        np.column_stack([acts, acts[:, :3].any(axis=1)]).astype(float),
     )
 
 

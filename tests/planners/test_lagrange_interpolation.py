@@ -159,9 +159,9 @@ def test_gradient_and_hessian_of_the_index(power: int, basis: Basis) -> None:
     ends = Ends(np.zeros((3, 3)), np.vstack([[1.0, -0.5, 0.3], np.zeros((2, 3))]))
     move = JointMove(VERTICAL, VERTICAL.limits, ends, 0.9, False)
     tr = move.transcribe(basis)
-    none = np.zeros(0, dtype=np.int64)
-    task = Task(*VERTICAL.chain_constants, none, none, np.zeros(0), power, 3.0)
-    x, eps, nothing = rng.normal(size=(len(basis.fitting), 3)) * 0.3, 0.2, np.zeros((len(basis.s), 0))
+    none, nothing = np.zeros(0, dtype=np.int64), np.zeros((len(basis.s), 0))
+    task = Task(*VERTICAL.chain_constants, none, none, nothing, power, 3.0)
+    x, eps = rng.normal(size=(len(basis.fitting), 3)) * 0.3, 0.2
 
     def value(unknowns: Array) -> float:
         return index(tr.weights, look_at(tr, task, unknowns).tau, power, eps)
