@@ -353,7 +353,6 @@ def main(problems: int = PROBLEMS) -> None:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "seconds": round(time.perf_counter() - begun),
     }
     document = {"recipe": recipe, "units": {"PI1": "N m s", "PI2": "N^2 m^2 s"}, "paper": paper, "random_PI1": indices}
     path = Path(__file__).parent / FILE
