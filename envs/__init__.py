@@ -15,6 +15,7 @@ __all__ = ["make_expert"]
 _TASKS = {
     "ConveyorTrack-v0": "envs.conveyor_track:ConveyorTrack",
     "MinTorqueMove-v0": "envs.min_torque_move:MinTorqueMove",
+    "ObstacleDodge-v0": "envs.obstacle_dodge:ObstacleDodge",
 }
 
 for _env_id, _name in _TASKS.items():

@@ -27,6 +27,8 @@ def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("tau", "f8", (n_joints,)),
         ("qdd", "f8", (n_joints,)),
         ("commanded_qdd", "f8", (n_joints,)),
+        ("qd_before", "f8", (n_joints,)),
+        ("qdd_before", "f8", (n_joints,)),
         ("limit_ratios", "f8", (len(LIMIT_KINDS),)),
         ("peak_torque", "f8"),
     ]
@@ -72,6 +74,14 @@ def apply_action(lane: Any, model: Any, action: Array) -> float:
     Returns:
         The worst |value| / limit of this period over all joints and kinds of limit.
     """
+    command(lane, model, action)
+    advance(lane, model, lane.tau)
+    return finish_period(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def command(lane: Any, model: Any, action: Array) -> None:
+    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``lane.tau`` of the next period."""
     n = lane.q.shape[0]
     share = np.empty(n)
     for i in range(n):
@@ -89,12 +99,17 @@ def apply_action(lane: Any, model: Any, action: Array) -> float:
         command_smoothly(lane, model, share)
     for i in range(n):
         lane.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
-    speed_before, acceleration_before = lane.qd.copy(), lane.qdd.copy()
-    advance(lane, model, lane.tau)
-    for i in range(n):
-        lane.qdd[i] = (lane.qd[i] - speed_before[i]) / model.control_period
+    lane.qd_before[:] = lane.qd
+    lane.qdd_before[:] = lane.qdd
+
+
+@njit(cache=True, nogil=True)
+def finish_period(lane: Any, model: Any) -> float:
+    """After the physics: mean accelerations, peak torque, limits; the worst |value| / limit of this period."""
+    for i in range(lane.q.shape[0]):
+        lane.qdd[i] = (lane.qd[i] - lane.qd_before[i]) / model.control_period
         lane.peak_torque = max(lane.peak_torque, abs(lane.tau[i]))
-    return watch_limits(lane, model, acceleration_before)
+    return watch_limits(lane, model)
 
 
 @njit(cache=True, nogil=True)
@@ -163,7 +178,7 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
 
 
 @njit(cache=True, nogil=True)
-def watch_limits(lane: Any, model: Any, acceleration_before: Array) -> float:
+def watch_limits(lane: Any, model: Any) -> float:
     """Hold the period's values against the limits; keeps the worst of the episode and returns the worst of the period.
 
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
@@ -178,7 +193,7 @@ def watch_limits(lane: Any, model: Any, acceleration_before: Array) -> float:
             elif kind == 2:
                 value = lane.qdd[i]
             elif kind == 3:
-                value = (lane.qdd[i] - acceleration_before[i]) / model.control_period
+                value = (lane.qdd[i] - lane.qdd_before[i]) / model.control_period
             else:
                 value = lane.q[i]
             ratio = abs(value) / model.limits[kind, i]

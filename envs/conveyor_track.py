@@ -85,7 +85,7 @@ class ConveyorTrack(Task):
     """The conveyor-tracking task over a batch of lanes; `ConveyorTrackEnv` documents it."""
 
     env_id: ClassVar[str] = "ConveyorTrack-v0"
-    layout: ClassVar[Layout] = LAYOUT
+    layout = LAYOUT
     reward_terms: ClassVar[tuple[str, ...]] = ("progress", "settling", "limits")
     config: ConveyorTrackConfig
 
@@ -97,8 +97,7 @@ class ConveyorTrack(Task):
             extra_lane=LANE_FIELDS,
             extra_model=MODEL_FIELDS,
         )
-        for name in ("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty"):
-            self.model[name] = getattr(config, name)
+        self._copy_settings("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty")
         self.model["hold_steps"] = self._whole_periods("hold_time", config.hold_time)
         if config.hold_time > config.horizon:
             raise ValueError(

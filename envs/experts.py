@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from envs.actuation import action_scale
 from envs.min_torque_move import MinTorqueMove
 from envs.observation import Observation
+from envs.obstacle_dodge import ObstacleDodge
 from envs.settings import refuse_unknown
 from envs.task import Task
-from planners import Infeasible, MotionProblem, Trajectory, dpct, lagrange, quintic
+from planners import Infeasible, MotionProblem, Trajectory, dpct, lagrange, quintic, trapezoid
 from planners.control import Gains, held_torque, tracking_acceleration, within_torque
 from planners.typing import Array
 
@@ -265,7 +266,9 @@ def _dpct(task: Task) -> Expert:
 
 
 def _follower(task: Task) -> Expert:
-    """Without planning: straight to the goal if that is a place for the hand, else along the quintic to it."""
+    """Without planning: straight to the goal, by a quintic in joint space where the time for it is given."""
+    if isinstance(task, ObstacleDodge):
+        return PlanningExpert(task, trapezoid.plan)
     return PlanningExpert(task, quintic.plan) if isinstance(task, MinTorqueMove) else FollowerExpert(task)
 
 

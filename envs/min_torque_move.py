@@ -86,15 +86,14 @@ class MinTorqueMove(Task):
     """The minimal-torque move over a batch of lanes; `MinTorqueMoveEnv` documents it."""
 
     env_id: ClassVar[str] = "MinTorqueMove-v0"
-    layout: ClassVar[Layout] = LAYOUT
+    layout = LAYOUT
     reward_terms: ClassVar[tuple[str, ...]] = ("effort", "goal", "limits")
     config: MinTorqueMoveConfig
 
     def __init__(self, config: MinTorqueMoveConfig, n_lanes: int) -> None:
         arm = replace(PLANAR_3R, gravity=config.gravity)
         super().__init__(config, arm, n_lanes, extra_lane=LANE_FIELDS, extra_model=MODEL_FIELDS)
-        for name in ("angle_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty", "miss_penalty"):
-            self.model[name] = getattr(config, name)
+        self._copy_settings("angle_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty", "miss_penalty")
 
     @classmethod
     def make(cls, config: Mapping[str, Any], n_lanes: int) -> MinTorqueMove:

@@ -66,7 +66,7 @@ class Task(ABC):
     """
 
     env_id: ClassVar[str]
-    layout: ClassVar[Layout]
+    layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
 
     def __init__(self, config: TaskSettings, arm: Arm, n_lanes: int, extra_lane: Fields, extra_model: Fields) -> None:
@@ -170,6 +170,11 @@ class Task(ABC):
     def action_space(self) -> gym.spaces.Box:
         """The action space of one lane: one number in [-1, 1] a joint."""
         return gym.spaces.Box(-1.0, 1.0, (self.arm.n_joints,), np.float32)
+
+    def _copy_settings(self, *names: str) -> None:
+        """Settings that the kernels read go into the model record under their own names."""
+        for name in names:
+            self.model[name] = getattr(self.config, name)
 
     def _executor(self) -> ThreadPoolExecutor:
         # Threads do not survive a fork, so a pool belongs to the process that made it.

@@ -167,16 +167,28 @@ def place_arm(lane: Any, model: Any) -> None:
 @njit(cache=True, nogil=True)
 def advance(lane: Any, model: Any, tau: Array) -> None:
     """Advance one lane by one control period under constant joint torques ``tau``, ``(n,)`` N m; updates q and qd."""
-    n = lane.q.shape[0]
     for _ in range(model.substeps):
-        # Chipmunk clears the torques after every step.
-        for i in range(n - 1):
-            chipmunk.body_set_torque(lane.links[i], tau[i] - tau[i + 1])
-        chipmunk.body_set_torque(lane.links[n - 1], tau[n - 1])
-        chipmunk.space_step(lane.space, model.physics_step)
+        step_physics(lane, model, tau)
+    read_joint_state(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def step_physics(lane: Any, model: Any, tau: Array) -> None:
+    """Advance the bodies of one lane by one physics step under joint torques ``tau``, ``(n,)`` N m."""
+    n = lane.q.shape[0]
+    # Chipmunk clears the torques after every step.
+    for i in range(n - 1):
+        chipmunk.body_set_torque(lane.links[i], tau[i] - tau[i + 1])
+    chipmunk.body_set_torque(lane.links[n - 1], tau[n - 1])
+    chipmunk.space_step(lane.space, model.physics_step)
+
+
+@njit(cache=True, nogil=True)
+def read_joint_state(lane: Any, model: Any) -> None:
+    """Read q and qd of one lane off its bodies."""
     lag = model.position_lag
     inner_angle = inner_speed = 0.0
-    for i in range(n):
+    for i in range(lane.q.shape[0]):
         speed = chipmunk.body_get_angular_velocity(lane.links[i])
         angle = chipmunk.body_get_angle(lane.links[i]) + lag * speed
         lane.q[i] = angle - inner_angle

@@ -5,8 +5,8 @@ Nothing here knows of Gymnasium. SI units and radians throughout; joint angles a
 
 from pathlib import Path
 
-from planners import control, dpct, lagrange, quintic
-from planners.arm import PLANAR_3R, SCARA_1M, Arm, JointLimits
+from planners import control, dpct, lagrange, quintic, trapezoid
+from planners.arm import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, JointLimits
 from planners.compile_cache import drop_stale
 from planners.kinematics import UnreachableTarget
 from planners.problem import (
@@ -22,6 +22,7 @@ from planners.problem import (
 __all__ = [
     "PLANAR_3R",
     "SCARA_1M",
+    "SCARA_50CM",
     "Arm",
     "FixedHand",
     "FixedJoints",
@@ -36,6 +37,7 @@ __all__ = [
     "dpct",
     "lagrange",
     "quintic",
+    "trapezoid",
 ]
 
 drop_stale(Path(__file__).parent)

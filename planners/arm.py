@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners import dynamics, kinematics
+from planners import clearance, dynamics, kinematics
 from planners.typing import Array
 
 
@@ -73,6 +73,7 @@ class Arm:
         inertias: moment of inertia about each centre of mass, kg m^2; a uniform rod's (m l^2 / 12) when left out.
         gravity: m/s^2.
         base: position of the first joint, m.
+        link_radius: of every link, a capsule around the line between its joints, m; for clearances only.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Arm:
     inertias: tuple[float, ...] = ()
     gravity: float = 0.0
     base: tuple[float, float] = field(default=(0.0, 0.0))
+    link_radius: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.lengths)
@@ -115,6 +117,8 @@ class Arm:
             raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
         if len(self.base) != 2 or not all(math.isfinite(value) for value in self.base):
             raise ValueError(f"{self.name}: base {self.base} must be two finite numbers")
+        if not (math.isfinite(self.link_radius) and self.link_radius >= 0.0):
+            raise ValueError(f"{self.name}: link_radius {self.link_radius} must be finite and not negative")
 
     @property
     def n_joints(self) -> int:
@@ -216,6 +220,22 @@ class Arm:
             )
         return q[0] if target.ndim == 1 else q
 
+    def clearance(self, q: ArrayLike, position: ArrayLike, radius: float) -> Array:
+        """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
+
+        Args:
+            q: joint angles, ``(n,)`` or ``(lanes, n)``, rad.
+            position: centre of the disc, ``(2,)`` or ``(lanes, 2)``, m.
+            radius: of the disc, m.
+
+        Returns:
+            A number, or ``(lanes,)``.
+        """
+        (lanes,), single = self._lanes(q)
+        centers = np.ascontiguousarray(np.broadcast_to(np.asarray(position, dtype=float), (len(lanes), 2)))
+        gaps = clearance.clearance(self.length_array, self.base_array, self.link_radius, lanes, centers, radius)
+        return gaps[0] if single else gaps
+
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Mass matrix, ``(n, n)`` or ``(lanes, n, n)``, kg m^2."""
         (lanes,), single = self._lanes(q)
@@ -271,3 +291,13 @@ PLANAR_3R = Arm(
     limits=JointLimits(torque=(20.0, 10.0, 5.0), angle=(math.inf, math.radians(150.0), math.radians(150.0))),
 )
 """Three uniform rods of 0.2, 0.4 and 0.2 m, 1, 2 and 1 kg: the arm of the minimal-torque paper."""
+
+SCARA_50CM = Arm(
+    name="SCARA_50CM",
+    lengths=(0.5, 0.5),
+    masses=(2.0, 2.0),
+    limits=JointLimits(torque=(10.0, 4.0), velocity=(2.4, 2.4), acceleration=(9.0, 16.0), angle=(2.88, 2.62)),
+    link_radius=0.045,
+)
+"""Two uniform rods of 0.5 m and 2 kg in the horizontal plane: the arm that dodges. Its acceleration limits leave
+a planner that keeps to half of them, as those for this arm do, the other half for evading."""

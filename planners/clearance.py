@@ -1,0 +1,43 @@
+"""How far an arm is from a disc: its links are capsules, and distances are between surfaces, in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+
+@njit(cache=True, nogil=True)
+def nearest_on_segment(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> float:
+    """Where on the segment from a to b the point closest to p is, as a share of its length from a."""
+    dx, dy = bx - ax, by - ay
+    along = (px - ax) * dx + (py - ay) * dy
+    square = dx * dx + dy * dy
+    return min(1.0, max(0.0, along / square))
+
+
+@njit(cache=True, nogil=True)
+def clearance_lane(
+    lengths: Array, base: Array, link_radius: float, q: Array, x: float, y: float, radius: float
+) -> float:
+    """Distance between the surfaces of one arm in posture ``q``, ``(n,)``, and of the disc at ``(x, y)``, m."""
+    nearest = np.inf
+    ax, ay, phi = base[0], base[1], 0.0
+    for i in range(q.shape[0]):
+        phi += q[i]
+        bx, by = ax + lengths[i] * np.cos(phi), ay + lengths[i] * np.sin(phi)
+        s = nearest_on_segment(ax, ay, bx, by, x, y)
+        dx, dy = x - ax - s * (bx - ax), y - ay - s * (by - ay)
+        nearest = min(nearest, dx * dx + dy * dy)
+        ax, ay = bx, by
+    return float(np.sqrt(nearest)) - link_radius - radius
+
+
+@njit(cache=True, nogil=True)
+def clearance(lengths: Array, base: Array, link_radius: float, q: Array, centers: Array, radius: float) -> Array:
+    """Clearances ``(lanes,)``, m, for ``q`` of ``(lanes, n)`` and discs at ``(lanes, 2)``."""
+    gaps = np.empty(q.shape[0])
+    for lane in range(q.shape[0]):
+        gaps[lane] = clearance_lane(lengths, base, link_radius, q[lane], centers[lane, 0], centers[lane, 1], radius)
+    return gaps
