@@ -58,7 +58,8 @@ def reset_lane(lanes: Any, model: Any, index: int) -> None:
     move_discs(lane, 0.0)
     lane.clearance = lane.min_clearance = measure_clearance(lane, shared)
     hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
-    lane.start_distance = lane.distance = _goal_distance(lane)
+    lane.distance = _goal_distance(lane)
+    lane.start_distance = max(lane.distance, shared.tolerance)
     _observe(lane, shared)
 
 

@@ -1,0 +1,53 @@
+"""The expert that neither plans nor looks ahead."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.experts.base import Expert
+from envs.observation import Observation
+from envs.task import Task
+from planners.control import within_torque
+from planners.typing import Array
+
+
+class FollowerExpert(Expert):
+    """Computed torque on the goal itself, without planning: what a controller alone achieves.
+
+    The hand is driven to the goal as a critically damped second-order system; accelerations and torques are scaled
+    down to their limits, jerk is not looked at.
+
+    Args:
+        task: the environment's task.
+        bandwidth: natural frequency of the hand's error, rad/s.
+    """
+
+    def __init__(self, task: Task, bandwidth: float = 4.0) -> None:
+        super().__init__(task)
+        self._bandwidth = bandwidth
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
+        seen = self.task.layout.parse(observations)
+        arm, w = self.task.arm, self._bandwidth
+        q, qd = np.ascontiguousarray(seen["joint_position"]), np.ascontiguousarray(seen["joint_velocity"])
+        jacobian = arm.jacobian(q)
+        position, velocity, acceleration = self.task.hand_goal(seen)
+        error = position - arm.forward_kinematics(q)
+        hand_velocity = np.einsum("lij,lj->li", jacobian, qd)
+        wanted = acceleration + 2.0 * w * (velocity - hand_velocity) + w**2 * error
+        wanted = wanted - self._centripetal(q, qd)
+        # Damped least squares: near a singular posture the arm does what it can.
+        square = np.einsum("lij,lkj->lik", jacobian, jacobian) + 1e-6 * np.eye(2)
+        qdd = np.einsum("lji,lj->li", jacobian, np.linalg.solve(square, wanted[..., None])[..., 0])
+        excess = np.max(np.abs(qdd) / np.array(arm.limits.acceleration), axis=1, keepdims=True)
+        qdd = within_torque(arm, q, qd, qdd / np.maximum(1.0, excess), self.task.config.control_period)
+        return self._action_for(seen, qdd), ()
+
+    def _centripetal(self, q: Array, qd: Array) -> Array:
+        """Acceleration of the hand at constant joint velocities, ``(lanes, 2)``, m/s^2."""
+        phi, w = np.cumsum(q, axis=1), np.cumsum(qd, axis=1)
+        pull = self.task.arm.length_array * w**2
+        return -np.stack([(pull * np.cos(phi)).sum(axis=1), (pull * np.sin(phi)).sum(axis=1)], axis=1)

@@ -1,0 +1,129 @@
+"""The expert that plans and then tracks its plan."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.experts.base import Expert
+from envs.observation import Observation
+from envs.task import Task
+from planners import Infeasible, MotionProblem, Trajectory
+from planners.control import Gains, tracking_acceleration, within_torque
+from planners.typing import Array
+
+Planner = Callable[[MotionProblem], Trajectory]
+
+
+@dataclass(frozen=True)
+class _Tracking:
+    """What a planning expert remembers: each lane's sampled plan, and how far along it is.
+
+    Attributes:
+        q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
+        begun: control periods that were left when the plan was made, ``(lanes,)``.
+        last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
+        due: control periods that the next observation should leave, ``(lanes,)``.
+    """
+
+    q: Array
+    qd: Array
+    begun: NDArray[np.int64]
+    last: NDArray[np.int64]
+    due: NDArray[np.int64]
+
+
+class PlanningExpert(Expert):
+    """Plans at the start of an episode, and again from time to time if asked to; tracks the plan by computed torque.
+
+    Where an observation does not continue the remembered episode, the lane is planned anew from there. A lane without
+    a plan (the problem has no solution), or past the end of its plan, brakes within its limits.
+
+    Args:
+        task: the environment's task.
+        planner: makes the plans.
+        replan_every: control periods after which a plan is replaced by a new one; None to keep it to the end.
+        gains: of the tracking controller.
+    """
+
+    def __init__(
+        self, task: Task, planner: Planner, replan_every: int | None = None, gains: Gains | None = None
+    ) -> None:
+        super().__init__(task)
+        self._planner = planner
+        self._replan_every = replan_every
+        self._gains = gains or Gains.sampled(task.config.control_period)
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
+        seen = self.task.layout.parse(observations)
+        left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period).astype(np.int64)
+        tracking = cast(_Tracking | None, state)
+        if tracking is None or len(tracking.due) != len(observations):
+            tracking = self._nothing(len(observations))
+        anew = starts | (tracking.due != left)
+        if self._replan_every is not None:
+            anew |= tracking.begun - left >= self._replan_every
+        if anew.any():
+            tracking = self._replan(observations, tracking, left, anew)
+        lanes, sample = np.arange(len(observations)), tracking.begun - left
+        now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
+        qdd = tracking_acceleration(
+            seen["joint_position"],
+            seen["joint_velocity"],
+            (tracking.q[lanes, now], tracking.qd[lanes, now]),
+            (tracking.q[lanes, ahead], tracking.qd[lanes, ahead]),
+            self.task.config.control_period,
+            self._gains,
+        )
+        braking = sample >= tracking.last
+        if braking.any():
+            qdd = np.where(braking[:, None], self._braking(seen), qdd)
+        return self._action_for(seen, qdd), replace(tracking, due=left - 1)
+
+    def _nothing(self, n_lanes: int) -> _Tracking:
+        samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
+        zero = np.zeros(n_lanes, dtype=np.int64)
+        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, zero - 1)
+
+    def _replan(
+        self, observations: Observation, old: _Tracking, left: NDArray[np.int64], anew: NDArray[np.bool_]
+    ) -> _Tracking:
+        new = _Tracking(old.q.copy(), old.qd.copy(), np.where(anew, left, old.begun), old.last.copy(), old.due)
+        period = self.task.config.control_period
+        for lane in np.flatnonzero(anew):
+            plan = self._plan(self.task.motion_problem(observations[lane]))
+            new.last[lane] = 0
+            if plan is not None:
+                last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
+                new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
+                new.last[lane] = last
+        return new
+
+    def _plan(self, problem: MotionProblem) -> Trajectory | None:
+        began = time.perf_counter()
+        try:
+            return self._planner(problem)
+        except Infeasible:
+            self.infeasible += 1
+            return None
+        finally:
+            self.plans_made += 1
+            self.planning_seconds += time.perf_counter() - began
+
+    def _braking(self, seen: dict[str, Array]) -> Array:
+        """Accelerations that bring the joints to rest within the limits."""
+        arm, period = self.task.arm, self.task.config.control_period
+        acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
+        q, qd, qdd = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
+        # Speed v is shed to rest at full jerk from an acceleration of at most sqrt(2 jerk v).
+        limited = np.isfinite(jerk)
+        smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
+        gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
+        wanted = within_torque(arm, q, qd, -np.sign(qd) * gentle, period)
+        reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
+        return reachable

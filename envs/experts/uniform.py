@@ -1,0 +1,39 @@
+"""The expert that is none: random actions, the floor of every leaderboard."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.experts.base import Expert
+from envs.observation import Observation
+from envs.task import Task
+from planners.typing import Array
+
+
+class RandomExpert(Expert):
+    """Uniformly random actions.
+
+    They are drawn by hashing the observation, so that an episode is the same in whatever batch it is run.
+
+    Args:
+        task: the environment's task.
+        seed: of the constants of the hash.
+    """
+
+    def __init__(self, task: Task, seed: int = 0) -> None:
+        super().__init__(task)
+        generator = np.random.default_rng(seed)
+        shape = (task.layout.size, task.arm.n_joints)
+        self._multipliers = generator.integers(0, 2**64, shape, dtype=np.uint64, endpoint=False) | np.uint64(1)
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
+        words = np.ascontiguousarray(observations, dtype=np.float32).view(np.uint32).astype(np.uint64)
+        bits = (words[:, :, None] * self._multipliers).sum(axis=1, dtype=np.uint64)
+        # The finaliser of splitmix64 spreads every bit over all others.
+        for shift, multiplier in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+            bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(multiplier)
+        bits ^= bits >> np.uint64(31)
+        return 2.0 * (bits >> np.uint64(11)).astype(np.float64) / 2.0**53 - 1.0, ()
