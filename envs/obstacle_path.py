@@ -3,7 +3,7 @@
 A path is the centre of a disc at every `PATH_STEP`, straight in between. Three kinds are drawn:
 
 * ``waypoints``: legs between points, most of them aimed at the arm and on through it.
-* ``passes``: straight through the workspace, aimed at the arm, out to the rim, and in again.
+* ``passes``: straight through the workspace, aimed at the arm, on to the rim or the base, and back again.
 * ``wander``: a velocity that wanders around zero, between soft walls.
 
 To aim is to lead: at a point of the arm where it will be, if it moves straight to its goal, when the disc arrives.
@@ -47,7 +47,13 @@ AIMED = 0.7
 ARRIVED = 0.15
 """Distance to the end of a leg at which the next begins, m."""
 
-CORRELATION_TIME, WANDER_SPEED = 0.8, 0.6
+AIMS = 8
+"""Number of points of the arm that are tried for one that the base does not hide."""
+
+SHORTEST_LEG = 0.3
+"""Least length of a leg, m."""
+
+CORRELATION_TIME, WANDER_SPEED = 0.8, 0.8
 """Of a wandering velocity: how long it remembers itself, s, and the root of its mean square, m/s."""
 
 WALL, WALL_STIFFNESS = 0.15, 12.0
@@ -138,12 +144,21 @@ def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x:
 def _next_leg(
     generator: Any, kind: int, pace: float, move: StraightMove, now: float, x: float, y: float
 ) -> tuple[float, float]:
-    """Where the leg that begins at (x, y) ends."""
-    if kind == _WAYPOINTS and now > 0.0 and generator.random() >= AIMED:
-        return _anywhere(generator, NEAREST, FARTHEST)
-    at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, now, x, y)
-    beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * generator.random()
-    return _through(x, y, at_x, at_y, beyond)
+    """Where the leg that begins at (x, y) ends: aimed at the arm or, where the base is in the way, anywhere."""
+    end_x, end_y = x, y
+    if kind == _PASSES or now == 0.0 or generator.random() < AIMED:
+        for _ in range(AIMS):
+            at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, now, x, y)
+            way = math.hypot(at_x - x, at_y - y)
+            beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * generator.random()
+            end_x, end_y = _clear_end(x, y, at_x, at_y, way + beyond)
+            if math.hypot(end_x - x, end_y - y) >= way:  # or the base is in between
+                break
+    while math.hypot(end_x - x, end_y - y) < SHORTEST_LEG:
+        to_x, to_y = _anywhere(generator, NEAREST, FARTHEST)
+        length = np.inf if kind == _PASSES else math.hypot(to_x - x, to_y - y)
+        end_x, end_y = _clear_end(x, y, to_x, to_y, length)
+    return end_x, end_y
 
 
 @njit(cache=True, nogil=True)
@@ -163,14 +178,16 @@ def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y
 
 
 @njit(cache=True, nogil=True)
-def _through(x: float, y: float, at_x: float, at_y: float, beyond: float) -> tuple[float, float]:
-    """Where a line from (x, y) through a point ends: so far beyond it, but not outside of the workspace."""
-    far = max(math.hypot(at_x - x, at_y - y), 1e-9)
-    along_x, along_y = (at_x - x) / far, (at_y - y) / far
-    middle = at_x * along_x + at_y * along_y
-    to_rim = -middle + math.sqrt(max(0.0, middle**2 - at_x**2 - at_y**2 + FARTHEST**2))
-    length = min(beyond, to_rim)
-    return at_x + length * along_x, at_y + length * along_y
+def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> tuple[float, float]:
+    """Where a leg from (x, y) towards a point ends: after its length, at the rim, or too near to the base."""
+    far = max(math.hypot(to_x - x, to_y - y), 1e-9)
+    along_x, along_y = (to_x - x) / far, (to_y - y) / far
+    middle, square = x * along_x + y * along_y, x * x + y * y
+    length = min(length, -middle + math.sqrt(max(0.0, middle**2 - square + FARTHEST**2)))
+    chord = middle**2 - square + NEAREST**2
+    if middle < 0.0 and chord > 0.0:
+        length = min(length, max(0.0, -middle - math.sqrt(chord)))
+    return x + length * along_x, y + length * along_y
 
 
 @njit(cache=True, nogil=True)
