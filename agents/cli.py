@@ -31,6 +31,7 @@ COMMANDS = {
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
     "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
+    "paper-apf": Command("agents.paper_apf", "PaperApfOptions", "the potential-field paper's results again"),
 }
 
 DESCRIPTION = """\

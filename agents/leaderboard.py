@@ -26,22 +26,30 @@ LIMIT_TOLERANCE = 0.005
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of ``info`` that has its own column: its key, its title, and the factor it is shown with."""
+    """A number of ``info`` that has its own column: its key, its title, and the factor it is shown with.
+
+    What is true or false is shown as a share, with its interval.
+    """
 
     key: str
     title: str
-    factor: float
+    factor: float = 1.0
 
 
 METRICS: dict[str, tuple[Metric, ...]] = {
     "ConveyorTrack-v0": (
-        Metric("settling_time", "settled (s)", 1.0),
+        Metric("settling_time", "settled (s)"),
         Metric("steady_state_error", "error (mm)", 1e3),
     ),
     "MinTorqueMove-v0": (
-        Metric("quintic_ratio", "torque / quintic's", 1.0),
-        Metric("torque_l1", "PI1 (N m s)", 1.0),
+        Metric("quintic_ratio", "torque / quintic's"),
+        Metric("torque_l1", "PI1 (N m s)"),
         Metric("angle_error", "error (mrad)", 1e3),
+    ),
+    "ObstacleDodge-v0": (
+        Metric("collision", "collided (%)"),
+        Metric("time_to_goal", "to goal (s)"),
+        Metric("min_clearance", "clearance (mm)", 1e3),
     ),
 }
 
@@ -82,7 +90,7 @@ def summary(result: TaskResult, evaluation: Evaluation) -> dict[str, Estimate]:
         estimates["limit_broken"] = statistics.rate(evaluation.metrics["limit_ratio"] > 1.0 + LIMIT_TOLERANCE)
     for key, values in evaluation.metrics.items():
         if key != "is_success":
-            estimates[key] = statistics.median(values)
+            estimates[key] = statistics.rate(values) if values.dtype == bool else statistics.median(values)
     above = result.above_bound(evaluation)
     if above is not None and above.size:
         estimates["above_bound"] = statistics.median(above)
@@ -119,7 +127,8 @@ def leaderboard(result: TaskResult) -> Table:
         table.add_row(*_policy_cells(evaluation, estimates, metrics, bounded=bounded))
     if result.bounds is not None:
         best = statistics.median(result.bounds).value
-        table.add_row("bound", "", *_lone_cells(metrics, BOUNDS[result.task.env].metric, best), style="italic")
+        possible = _share(statistics.rate(np.isfinite(result.bounds)))
+        table.add_row("bound", possible, *_lone_cells(metrics, BOUNDS[result.task.env].metric, best), style="italic")
     if result.task.published is not None:
         table.add_row(
             "paper", "", *_lone_cells(metrics, "settling_time", result.task.published.settling_time), style="italic"
@@ -131,10 +140,10 @@ def _policy_cells(
     evaluation: Evaluation, estimates: dict[str, Estimate], metrics: Sequence[Metric], *, bounded: bool
 ) -> Iterator[str]:
     yield evaluation.policy
-    success = estimates["success"]
-    yield f"{_percent(success.value)} ({_percent(success.low)}-{_percent(success.high)})"
+    yield _share(estimates["success"])
     for metric in metrics:
-        yield _number(estimates[metric.key].value * metric.factor)
+        told = evaluation.metrics[metric.key].dtype == bool
+        yield _share(estimates[metric.key]) if told else _number(estimates[metric.key].value * metric.factor)
     if bounded:
         yield _number(estimates["above_bound"].value) if "above_bound" in estimates else ""
     yield _number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
@@ -151,8 +160,8 @@ def _lone_cells(metrics: Sequence[Metric], key: str, value: float) -> list[str]:
 
 def _caption(result: TaskResult) -> str:
     lines = [
-        "Success: with its 95 % interval. Return: interquartile mean. All else: medians. Limit ratio: worst value over "
-        f"its limit; broken: episodes in which it is more than {1.0 + LIMIT_TOLERANCE:g}."
+        "Success and collisions: shares with their 95 % intervals. Return: interquartile mean. All else: medians. "
+        f"Limit ratio: worst value over its limit; broken: episodes in which it is more than {1.0 + LIMIT_TOLERANCE:g}."
     ]
     if result.bounds is not None:
         which = "" if len(result.bounds) == len(result.seeds) else f" (the first {len(result.bounds)})"
@@ -165,6 +174,10 @@ def _caption(result: TaskResult) -> str:
     if result.task.published is not None:
         lines.append(f"Paper: {result.task.published.source}. {result.task.published.note}".strip())
     return " ".join(lines)
+
+
+def _share(rate: Estimate) -> str:
+    return f"{_percent(rate.value)} ({_percent(rate.low)}-{_percent(rate.high)})"
 
 
 def _percent(share: float) -> str:

@@ -6,19 +6,15 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import chain, groupby
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
-from agents.files import write_bytes, write_json
+from agents.report import ReportOptions, image_bytes, name_axes, new_sheet, report_console, write_report
 from planners import SCARA_1M, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 from planners.dpct.paper import (
     LITERAL,
@@ -31,9 +27,6 @@ from planners.dpct.paper import (
     signed_peak,
 )
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BELT_SPEED, HEADWAY, START, HEIGHT, LINE = 0.2, 0.1, -0.8, 1.732, 0.5  # m/s; m: section 5.1 of the paper
 GRIDS = ((30, 50), (50, 100), (100, 200))
@@ -59,7 +52,6 @@ CASES = {
 }
 
 
-_TABLE_WIDTH = 160
 _CAPTION = (
     "t_a (s), peak torques (N m) and J (s) as the planner sees them, then of the motion on a real clock. Ratio: worst "
     "torque, velocity or acceleration over its limit; / least: real J over the least J within the limits; lag: how "
@@ -68,15 +60,8 @@ _CAPTION = (
 
 
 @dataclass(frozen=True)
-class PaperDpctOptions:
-    """Which results of the conveyor-tracking paper to regenerate, and where to write them."""
-
-    json: Path | None = None
-    """Write the tables to this file as JSON."""
-    plot: Path | None = None
-    """Draw the paper's figures 4 to 8 to this file; its suffix (.png, .svg, .pdf) decides the format."""
-    dpi: int = 150
-    """Resolution of the plot, dots per inch."""
+class PaperDpctOptions(ReportOptions):
+    """Where to write the conveyor-tracking paper's results, its figures 4 to 8 among them."""
 
 
 @dataclass(frozen=True)
@@ -135,15 +120,9 @@ def run(options: PaperDpctOptions) -> None:
         ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
     """
     rows, clocks = list(plan_rows()), list(clock_rows())
-    console = Console()
-    if not console.is_terminal:
-        console.width = _TABLE_WIDTH  # no cell broken in a file or a pipe
-    console.print(_plan_table(rows), _clock_table(clocks))
-    if options.json is not None:
-        document = {"plans": [asdict(row) for row in rows], "start_clocks": [asdict(row) for row in clocks]}
-        write_json(options.json, document)
-    if options.plot is not None:
-        write_bytes(options.plot, figure(options.plot.suffix.removeprefix("."), options.dpi))
+    report_console().print(_plan_table(rows), _clock_table(clocks))
+    document = {"plans": [asdict(row) for row in rows], "start_clocks": [asdict(row) for row in clocks]}
+    write_report(options, document, figure)
 
 
 def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
@@ -310,11 +289,7 @@ def figure(file_format: str, dpi: int) -> bytes:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
         ValueError: if matplotlib does not know the file format.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError('plots need matplotlib: pip install "planarm[viz]"') from error
-    sheet = Figure(figsize=(11.0, 15.0), layout="constrained")
+    sheet = new_sheet(11.0, 15.0)
     grids, phases, hand, real, *joints = sheet.subplots(4, 2).flat
     for grid in GRIDS:
         path = search_phase_plane(paper_problem(3), grid=grid)
@@ -334,16 +309,14 @@ def figure(file_format: str, dpi: int) -> bytes:
     hand.plot(motion.t, START - HEADWAY + BELT_SPEED * motion.t, "k:", label="part")
     for limit in (-_PAPER_LIMITS.torque[0], _PAPER_LIMITS.torque[0]):
         real.axhline(limit, color="k", linestyle=":")
-    _label(grids, "Figure 4: grids, case 3", "r", "dr/dt (1/s)")
-    _label(phases, "Figure 5: cases", "r", "dr/dt (1/s)")
-    _label(hand, "Figure 6: hand and part", "t (s)", "x (m)")
-    _label(real, "Not in the paper: the torque joint 1 really needs", "t (s)", "torque (N m)")
+    name_axes(grids, "Figure 4: grids, case 3", "r", "dr/dt (1/s)")
+    name_axes(phases, "Figure 5: cases", "r", "dr/dt (1/s)")
+    name_axes(hand, "Figure 6: hand and part", "t (s)", "x (m)")
+    name_axes(real, "Not in the paper: the torque joint 1 really needs", "t (s)", "torque (N m)")
     for joint, letter in enumerate("ab"):
-        _label(joints[joint], f"Figure 7({letter}): velocity of joint {joint + 1}", "t (s)", "velocity (rad/s)")
-        _label(joints[2 + joint], f"Figure 8({letter}): torque of joint {joint + 1}", "t (s)", "torque (N m)")
-    image = io.BytesIO()
-    sheet.savefig(image, format=file_format, dpi=dpi)
-    return image.getvalue()
+        name_axes(joints[joint], f"Figure 7({letter}): velocity of joint {joint + 1}", "t (s)", "velocity (rad/s)")
+        name_axes(joints[2 + joint], f"Figure 8({letter}): torque of joint {joint + 1}", "t (s)", "torque (N m)")
+    return image_bytes(sheet, file_format, dpi)
 
 
 def _from_rest(path: PhasePath) -> tuple[Array, Array, Array, Array]:
@@ -354,9 +327,3 @@ def _from_rest(path: PhasePath) -> tuple[Array, Array, Array, Array]:
         return curves
     clock, r, qd, tau = (np.concatenate([np.zeros_like(curve[:1]), curve]) for curve in curves)
     return clock, r, qd, tau
-
-
-def _label(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set(title=title, xlabel=x, ylabel=y)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="small")

@@ -8,20 +8,17 @@ rods and the joint angles relative; with gravity, angle 0 is horizontal.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from rich.console import Console
 from rich.table import Table
 from scipy.integrate import cumulative_trapezoid
 
-from agents.files import write_bytes, write_json
+from agents.report import Fact, ReportOptions, image_bytes, name_axes, new_sheet, report_console, write_report
 from planners import PLANAR_3R, FixedJoints, MotionProblem, Trajectory, lagrange
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.lagrange.paper import (
@@ -35,25 +32,14 @@ from planners.lagrange.paper import (
 )
 from planners.typing import Array
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 MODELS = {"gravity off": 0.0, "gravity on": 9.81}  # m/s^2
 PUBLISHED_PI: dict[Method, float] = {"lagrange": 69.6216, "polynomial": 145.4126}
 ALGORITHMS: dict[Method, str] = {"lagrange": "1, Lagrange", "polynomial": "2, polynomial"}
-_TABLE_WIDTH = 160
 
 
 @dataclass(frozen=True)
-class PaperLagrangeOptions:
-    """Which results of the minimal-torque paper to regenerate, and where to write them."""
-
-    json: Path | None = None
-    """Write the tables to this file as JSON."""
-    plot: Path | None = None
-    """Draw the paper's figures 2 to 9 to this file; its suffix (.png, .svg, .pdf) decides the format."""
-    dpi: int = 150
-    """Resolution of the plot, dots per inch."""
+class PaperLagrangeOptions(ReportOptions):
+    """Where to write the minimal-torque paper's results, its figures 2 to 9 among them."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +86,6 @@ class PlanRow:
     angle_ratio: float
 
 
-@dataclass(frozen=True)
-class Fact:
-    """Something about the paper that its own numbers show: a sentence, and the numbers in it by name."""
-
-    statement: str
-    values: dict[str, Any]
-
-
 def run(options: PaperLagrangeOptions) -> None:
     """Regenerate the paper's tables and, when asked for, its figures.
 
@@ -116,24 +94,14 @@ def run(options: PaperLagrangeOptions) -> None:
     """
     published, searches, moves = list(published_rows()), list(search_rows()), list(move_rows())
     known = list(facts(published, searches))
-    console = Console()
-    if not console.is_terminal:
-        console.width = _TABLE_WIDTH  # no cell broken in a file or a pipe
+    console = report_console()
     console.print(_published_table(published))
     console.print(_plan_table("Least PI on the paper's grids; no velocity is fixed at the ends", searches))
     console.print(_plan_table("The same move from rest to rest; gravity off: horizontal, on: vertical", moves))
     for fact in known:
         console.print(f"- {fact.statement}", highlight=False)
-    if options.json is not None:
-        tables: dict[str, Sequence[Any]] = {
-            "published": published,
-            "searches": searches,
-            "moves": moves,
-            "facts": known,
-        }
-        write_json(options.json, {name: [asdict(row) for row in rows] for name, rows in tables.items()})
-    if options.plot is not None:
-        write_bytes(options.plot, figure(options.plot.suffix.removeprefix("."), options.dpi))
+    tables: dict[str, Sequence[Any]] = {"published": published, "searches": searches, "moves": moves, "facts": known}
+    write_report(options, {name: [asdict(row) for row in rows] for name, rows in tables.items()}, figure)
 
 
 def paper_problem(model: str = "gravity off") -> MotionProblem:
@@ -301,11 +269,7 @@ def figure(file_format: str, dpi: int) -> bytes:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
         ValueError: if matplotlib does not know the file format.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError('plots need matplotlib: pip install "planarm[viz]"') from error
-    sheet = Figure(figsize=(13.0, 16.0), layout="constrained")
+    sheet = new_sheet(13.0, 16.0)
     panels = sheet.subplots(5, 3)
     for model, style in zip(MODELS, ("-", "--"), strict=True):
         for (method, algorithm), colour in zip(ALGORITHMS.items(), ("C0", "C1"), strict=True):
@@ -323,17 +287,17 @@ def figure(file_format: str, dpi: int) -> bytes:
     for joint in range(3):
         for row, (name, unit) in enumerate((("angle", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"))):
             number = f"{joint + 4}" if row else f"2, 3, {joint + 4}"
-            _label(panels[row, joint], f"Figure {number}: {name} of joint {joint + 1}", f"{name} ({unit})")
-        _label(panels[3, joint], f"Figure 7: torque of joint {joint + 1}", "torque (N m)")
-    _label(panels[4, 0], "Figure 8: sum of the torques", "torque (N m)")
-    _label(panels[4, 1], "Figure 9: PI at an instant (eq 6)", "PI (N m)")
-    _label(panels[4, 2], "Not in the paper: PI up to t", "PI1 (N m s)")
-    image = io.BytesIO()
-    sheet.savefig(image, format=file_format, dpi=dpi)
-    return image.getvalue()
-
-
-def _label(axes: Axes, title: str, y: str) -> None:
-    axes.set(title=title, xlabel="t (s)", ylabel=y)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="x-small")
+            name_axes(
+                panels[row, joint],
+                f"Figure {number}: {name} of joint {joint + 1}",
+                "t (s)",
+                f"{name} ({unit})",
+                fontsize="x-small",
+            )
+        name_axes(
+            panels[3, joint], f"Figure 7: torque of joint {joint + 1}", "t (s)", "torque (N m)", fontsize="x-small"
+        )
+    name_axes(panels[4, 0], "Figure 8: sum of the torques", "t (s)", "torque (N m)", fontsize="x-small")
+    name_axes(panels[4, 1], "Figure 9: PI at an instant (eq 6)", "t (s)", "PI (N m)", fontsize="x-small")
+    name_axes(panels[4, 2], "Not in the paper: PI up to t", "t (s)", "PI1 (N m s)", fontsize="x-small")
+    return image_bytes(sheet, file_format, dpi)

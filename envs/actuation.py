@@ -11,6 +11,7 @@ from envs.world import Records, advance
 from planners.arm import Arm
 from planners.control import held_torque_lane
 from planners.dynamics import mass_matrix_lane
+from planners.smoothness import smooth_bounds
 from planners.typing import Array
 
 ControlMode = Literal["torque", "acceleration", "jerk"]
@@ -147,34 +148,6 @@ def command_smoothly(lane: Any, model: Any, share: Array) -> None:
         for i in range(n):
             moved = lane.commanded_qdd[i] - row[i] * excess / scale
             lane.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
-
-
-@njit(cache=True, nogil=True)
-def smooth_bounds(
-    speed: float, acceleration: float, period: float, speed_limit: float, acceleration_limit: float, jerk_limit: float
-) -> tuple[float, float]:
-    """The accelerations of one joint for the next period from which all its smoothness limits can still be kept."""
-    step = jerk_limit * period
-    lowest = max(-acceleration_limit, acceleration - step)
-    highest = min(acceleration_limit, acceleration + step)
-    upper = _largest_safe_acceleration(speed_limit - speed, period, jerk_limit)
-    lower = -_largest_safe_acceleration(speed_limit + speed, period, jerk_limit)
-    return min(highest, max(lowest, lower)), max(lowest, min(highest, upper))
-
-
-@njit(cache=True, nogil=True)
-def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: float) -> float:
-    """The largest acceleration that can be shed at full jerk J before it has used up the speed that is left.
-
-    Going from an acceleration a to zero in steps of one period T adds at most a^2 / (2 J) + a T / 2 + J T^2 / 8 to the
-    speed, this period included, and a T if one step is enough.
-    """
-    if not (np.isfinite(speed_left) and np.isfinite(jerk_limit)):
-        return np.inf
-    step = jerk_limit * period
-    if speed_left <= step * period:
-        return speed_left / period
-    return float(np.sqrt(2.0 * jerk_limit * speed_left) - 0.5 * step)
 
 
 @njit(cache=True, nogil=True)

@@ -5,7 +5,7 @@ Nothing here knows of Gymnasium. SI units and radians throughout; joint angles a
 
 from pathlib import Path
 
-from planners import control, dpct, lagrange, quintic, trapezoid
+from planners import apf, control, dpct, lagrange, quintic, trapezoid
 from planners.arm import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, JointLimits
 from planners.compile_cache import drop_stale
 from planners.kinematics import UnreachableTarget
@@ -33,6 +33,7 @@ __all__ = [
     "Obstacle",
     "Trajectory",
     "UnreachableTarget",
+    "apf",
     "control",
     "dpct",
     "lagrange",

@@ -17,7 +17,8 @@ class Infeasible(ValueError):
     """No motion solves the problem within its limits.
 
     Attributes:
-        reason: one word a program can branch on: ``unreachable``, ``no_window``, ``late``, ``start`` or ``limits``.
+        reason: one word a program can branch on: ``unreachable``, ``no_window``, ``late``, ``start``, ``limits``,
+            ``collision`` or ``local_minimum``.
         details: the numbers behind the message, by name.
     """
 

@@ -14,8 +14,10 @@ from typing import Any
 import gymnasium as gym
 
 from envs.experts.base import Expert
+from envs.experts.dodging import REPLAN_EVERY, pass_via_nodes, time_along_line
 from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
+from envs.experts.potential_field import DodgingExpert, JointFieldExpert, MovingTargetExpert
 from envs.experts.uniform import RandomExpert
 from envs.min_torque_move import MinTorqueMove
 from envs.obstacle_dodge import ObstacleDodge
@@ -23,13 +25,37 @@ from envs.settings import refuse_unknown
 from envs.task import Task
 from planners import dpct, lagrange, quintic, trapezoid
 
-__all__ = ["EXPERTS", "Expert", "FollowerExpert", "PlanningExpert", "RandomExpert", "make_expert"]
+__all__ = [
+    "EXPERTS",
+    "DodgingExpert",
+    "Expert",
+    "FollowerExpert",
+    "JointFieldExpert",
+    "MovingTargetExpert",
+    "PlanningExpert",
+    "RandomExpert",
+    "make_expert",
+]
 
 
 def _dpct(task: Task) -> Expert:
+    if isinstance(task, ObstacleDodge):
+        return PlanningExpert(task, time_along_line, REPLAN_EVERY)
     if isinstance(task, MinTorqueMove):
         return PlanningExpert(task, partial(dpct.plan, variant="torque"))
     return PlanningExpert(task, partial(dpct.plan, allow_reverse=True, explain=False))
+
+
+def _lagrange(task: Task) -> Expert:
+    if isinstance(task, ObstacleDodge):
+        return PlanningExpert(task, pass_via_nodes, REPLAN_EVERY)
+    return PlanningExpert(task, lagrange.plan)
+
+
+def _apf(task: Task) -> Expert:
+    if isinstance(task, ObstacleDodge):
+        return DodgingExpert(task)
+    return JointFieldExpert(task) if isinstance(task, MinTorqueMove) else MovingTargetExpert(task)
 
 
 def _follower(task: Task) -> Expert:
@@ -41,7 +67,8 @@ def _follower(task: Task) -> Expert:
 
 EXPERTS: dict[str, Callable[[Task], Expert]] = {
     "dpct": _dpct,
-    "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
+    "lagrange": _lagrange,
+    "apf": _apf,
     "follower": _follower,
     "random": RandomExpert,
 }

@@ -68,6 +68,12 @@ class Expert(ABC):
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         """Unclipped actions ``(lanes, n)`` and the next state."""
 
+    def _begins(self, seen: dict[str, Array]) -> NDArray[np.bool_]:
+        """Lanes at the first step of an episode, ``(lanes,)``, by the time that is left."""
+        config = self.task.config
+        begins: NDArray[np.bool_] = seen["time_left"][:, 0] > config.horizon - 0.5 * config.control_period
+        return begins
+
     def _action_for(self, seen: dict[str, Array], qdd: Array) -> Array:
         """The action, in the environment's control mode, that gives mean joint accelerations ``(lanes, n)``."""
         config = self.task.config

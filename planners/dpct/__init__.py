@@ -9,46 +9,44 @@ exact in
 - ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
 - ``variant="torque"`` (:mod:`planners.dpct.torque_index`): to rest at a fixed target exactly at the horizon, with the
   least torque on the straight way there; limits of jerk are not kept.
+- ``variant="timing"`` (:mod:`planners.dpct.timing`): to rest at a fixed target past moving discs, by when to be where
+  on a straight way; limits of jerk are not kept.
 """
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from planners.dpct.feasibility import Window, ride_windows
 from planners.dpct.line import Branch, reduce_to_line
 from planners.dpct.optimal import plan_optimal
 from planners.dpct.paper import plan_paper
 from planners.dpct.settling import settling_bound
+from planners.dpct.timing import plan_timing
 from planners.dpct.torque_index import plan_torque
 from planners.problem import MotionProblem, Trajectory
+from planners.variants import plan_variant
 
-Variant = Literal["optimal", "paper", "torque"]
+Variant = Literal["optimal", "paper", "torque", "timing"]
 
 _PLANNERS: dict[Variant, Callable[..., Trajectory]] = {
     "optimal": plan_optimal,
     "paper": plan_paper,
     "torque": plan_torque,
+    "timing": plan_timing,
 }
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:
-    """Plan a motion; options are those of :func:`plan_optimal`, :func:`plan_paper` or :func:`plan_torque`.
+    """Plan a motion; options are those of :func:`plan_optimal`, :func:`plan_paper`, :func:`plan_torque` or
+    :func:`plan_timing`.
 
     Raises:
         Infeasible: if no motion solves the problem, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    if variant not in _PLANNERS:
-        raise ValueError(f"variant {variant!r} must be one of {', '.join(map(repr, get_args(Variant)))}")
-    planner = _PLANNERS[variant]
-    allowed = [name for name in inspect.signature(planner).parameters if name != "problem"]
-    unknown = sorted(set(options) - set(allowed))
-    if unknown:
-        raise ValueError(f"variant {variant!r} has no option {', '.join(unknown)}; it has {', '.join(allowed)}")
-    return planner(problem, **options)
+    return plan_variant(_PLANNERS, variant, problem, options)
 
 
 def rideable_windows(problem: MotionProblem, elbow: Branch = "start") -> list[Window]:
@@ -69,6 +67,7 @@ __all__ = [
     "plan",
     "plan_optimal",
     "plan_paper",
+    "plan_timing",
     "plan_torque",
     "rideable_windows",
     "settling_bound",

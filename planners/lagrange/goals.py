@@ -66,10 +66,11 @@ def on_branch(posture: Array, start: Array, elbow: Elbow) -> bool:
 def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
     """The posture within the joint ranges, as close to the start as whole turns bring it; the first joint both ways."""
     nearest = problem.q + wrap(posture - problem.q)
-    turn = nearest[0] - problem.q[0]
-    firsts = [nearest[0]] if abs(turn) < LONG_WAY else [nearest[0], nearest[0] - np.copysign(2.0 * np.pi, turn)]
-    outer = [(angle, angle - 2.0 * np.pi, angle + 2.0 * np.pi) for angle in nearest[1:]]
     ranges = np.array(problem.joint_limits.angle)
+    turn = nearest[0] - problem.q[0]
+    short = abs(turn) < LONG_WAY and abs(nearest[0]) <= ranges[0]
+    firsts = [nearest[0]] if short else [nearest[0], nearest[0] - np.copysign(2.0 * np.pi, turn)]
+    outer = [(angle, angle - 2.0 * np.pi, angle + 2.0 * np.pi) for angle in nearest[1:]]
     found = []
     for first in firsts:
         # A joint with a range has at most one whole turn that fits closest; without one the nearest is taken.

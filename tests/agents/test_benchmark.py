@@ -42,8 +42,8 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert content["config"]["seed"] == 7
     assert [[policy["policy"] for policy in task["policies"]] for task in content["results"]] == [
         ["dpct", "random"]
-    ] * 4
-    drawn, paper, move, _ = content["results"]
+    ] * 5
+    drawn, paper, move, _, dodge = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
     dpct_episodes, random_episodes = (policy["episodes"] for policy in drawn["policies"])
     assert dpct_episodes["seed"] == random_episodes["seed"] == [7, 8, 9]

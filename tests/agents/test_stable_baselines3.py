@@ -18,7 +18,11 @@ from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
-MODES: dict[str, tuple[str, ...]] = {"ConveyorTrack-v0": CONTROL_MODES, "MinTorqueMove-v0": ("torque",)}
+MODES: dict[str, tuple[str, ...]] = {
+    "ConveyorTrack-v0": CONTROL_MODES,
+    "MinTorqueMove-v0": ("torque",),
+    "ObstacleDodge-v0": ("torque", "acceleration"),
+}
 every_env = pytest.mark.parametrize("env_id", MODES)
 
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import envs  # noqa: F401  (registers the ids)
-from envs.actuation import smooth_bounds
 from planners import SCARA_1M
+from planners.smoothness import smooth_bounds
 
 PERIOD = 0.02
 

@@ -16,10 +16,15 @@ import envs
 from envs.actuation import CONTROL_MODES
 from envs.experts import EXPERTS
 
-MODES: dict[str, tuple[str, ...]] = {"ConveyorTrack-v0": CONTROL_MODES, "MinTorqueMove-v0": ("torque",)}
+MODES: dict[str, tuple[str, ...]] = {
+    "ConveyorTrack-v0": CONTROL_MODES,
+    "MinTorqueMove-v0": ("torque",),
+    "ObstacleDodge-v0": ("torque", "acceleration"),
+}
 CONSTANT_ENTRIES = {
     "ConveyorTrack-v0": {"part_acceleration", "settled"},  # the belt's, 0 unless configured; 0 until the part is met
     "MinTorqueMove-v0": {"torque_limit"},  # the arm's
+    "ObstacleDodge-v0": {"obstacle_radius", "held"},  # the same unless chosen; 0 until the goal is reached
 }
 
 every_env = pytest.mark.parametrize("env_id", MODES)

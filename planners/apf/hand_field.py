@@ -1,0 +1,164 @@
+"""From the potential on the hand to joint velocities (eq 16 to 18), compiled and batched over lanes.
+
+"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong): the hand moves
+down the gradient (eq 16), and the inverse of the Jacobian turns its velocity into the joints' (eq 17, 18). Only the
+hand is kept away from the discs: the links are not in the potential.
+
+Eq 18 divides by ``sin(theta_2)``. Close to a stretched or folded arm the inverse is therefore damped, ``J^T (J J^T +
+lambda^2)^-1``, with a lambda that grows smoothly from 0 where ``abs(sin(theta_2))`` falls below 0.1 (Y. Nakamura,
+H. Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness"); everywhere else it is eq 18.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planners.apf.distance_table import DistanceTable, disc_shift
+from planners.apf.khatib import Gains, gradient_lane, make_gains
+from planners.kinematics import hand_state_lane
+from planners.typing import Array
+
+Distance = Literal["table", "static"]
+
+ATTRACTION, REPULSION, INFLUENCE, LOOK_AHEAD = 2.0, 0.004, 0.3, 0.4  # 1/s, m^4/s, m, s: the paper gives none
+_NEAR_SINGULAR = 0.1  # of abs(sin(theta_2))
+_DAMPING = 0.1  # largest lambda, as a share of the geometric mean of the link lengths
+
+
+class HandField(NamedTuple):
+    """The potential and the distance it is fed with; made by :func:`make_field`.
+
+    Attributes:
+        gains: what shapes the potential.
+        shifts, max_speed: of the :class:`DistanceTable`.
+    """
+
+    gains: Gains
+    shifts: Array
+    max_speed: float
+
+
+def make_field(
+    *,
+    square: bool = True,
+    distance: Distance | DistanceTable = "table",
+    attraction: float = ATTRACTION,
+    repulsion: float = REPULSION,
+    influence: float = INFLUENCE,
+) -> HandField:
+    """The paper's field on the hand.
+
+    Args:
+        square: Khatib's wall; else eq 8 as printed (see :mod:`planners.apf.khatib`).
+        distance: ``"table"`` is the paper's (eq 20), looking 0.4 s ahead; ``"static"`` is eq 10; or a table.
+        attraction, repulsion, influence: as for :func:`planners.apf.khatib.make_gains`.
+
+    Raises:
+        ValueError: if a gain is not finite and positive, or the distance is unknown.
+    """
+    if distance == "table":
+        table = DistanceTable.looking_ahead(LOOK_AHEAD)
+    elif distance == "static":
+        table = DistanceTable.static()
+    elif isinstance(distance, DistanceTable):
+        table = distance
+    else:
+        raise ValueError(f"distance {distance!r} must be 'table', 'static' or a DistanceTable")
+    return HandField(make_gains(attraction, repulsion, influence, square), table.shifts, table.max_speed)
+
+
+@njit(cache=True, nogil=True)
+def joint_rates_lane(lengths: Array, q: Array, velocity: Array, rates: Array) -> None:
+    """Joint velocities (rad/s) of a two-link arm, written to ``rates``, that move its hand at ``velocity`` (m/s).
+
+    Eq 18, damped near its singularity; all arguments ``(2,)``.
+    """
+    x2, y2 = lengths[1] * np.cos(q[0] + q[1]), lengths[1] * np.sin(q[0] + q[1])
+    x, y = lengths[0] * np.cos(q[0]) + x2, lengths[0] * np.sin(q[0]) + y2
+    vx, vy = velocity[0], velocity[1]
+    product = lengths[0] * lengths[1]
+    determinant = product * np.sin(q[1])
+    closeness = 1.0 - (determinant / (_NEAR_SINGULAR * product)) ** 2
+    if closeness <= 0.0:
+        rates[0] = (x2 * vx + y2 * vy) / determinant
+        rates[1] = -(x * vx + y * vy) / determinant
+        return
+    damping = _DAMPING**2 * product * closeness
+    a, b, c = y * y + y2 * y2 + damping, -(x * y + x2 * y2), x * x + x2 * x2 + damping  # J J^T + lambda^2
+    whole = a * c - b * b
+    ux, uy = (c * vx - b * vy) / whole, (a * vy - b * vx) / whole
+    rates[0] = x * uy - y * ux
+    rates[1] = x2 * uy - y2 * ux
+
+
+@njit(cache=True, nogil=True)
+def hand_velocity_lane(
+    field: HandField,
+    hand: Array,
+    hand_velocity: Array,
+    goal: Array,
+    positions: Array,
+    velocities: Array,
+    radii: Array,
+    velocity: Array,
+) -> None:
+    """Velocity (m/s) the field asks of one hand (eq 16), written to ``velocity``.
+
+    Args:
+        field: of :func:`make_field`.
+        hand, hand_velocity: where it is and how it moves now, ``(2,)``.
+        goal: ``(2,)``, m.
+        positions, velocities: of the discs, ``(k, 2)``.
+        radii: of the discs, grown by that of the hand, ``(k,)``.
+        velocity: the result, ``(2,)``.
+    """
+    shifts = np.empty(radii.shape[0])
+    for k in range(radii.shape[0]):
+        dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
+        vx, vy = velocities[k, 0] - hand_velocity[0], velocities[k, 1] - hand_velocity[1]
+        shifts[k] = disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
+    gradient_lane(field.gains, hand, goal, positions, radii, shifts, velocity)
+    velocity[0] = -velocity[0]
+    velocity[1] = -velocity[1]
+
+
+@njit(cache=True, nogil=True)
+def hand_rates(
+    lengths: Array,
+    base: Array,
+    field: HandField,
+    rate_limits: Array,
+    q: Array,
+    qd: Array,
+    goals: Array,
+    positions: Array,
+    velocities: Array,
+    radii: Array,
+) -> Array:
+    """Joint velocities the field asks for now, ``(lanes, 2)``, rad/s: what a reactive expert tracks.
+
+    Args:
+        lengths, base: of the two-link arm, each ``(2,)``, m.
+        field: of :func:`make_field`.
+        rate_limits: largest joint velocities, ``(2,)``, rad/s; both joints slow down together, so that the hand keeps
+            its direction. inf: none.
+        q, qd: joint angles and velocities, ``(lanes, 2)``.
+        goals: of the hands, ``(lanes, 2)``, m.
+        positions, velocities: of the discs, ``(lanes, k, 2)``, m and m/s; k may be 0.
+        radii: of the discs, grown by that of the hand, ``(lanes, k)``, m.
+    """
+    rates = np.empty_like(q)
+    hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
+    for lane in range(q.shape[0]):
+        hand_state_lane(lengths, base, q[lane], qd[lane], hand, hand_velocity)
+        hand_velocity_lane(
+            field, hand, hand_velocity, goals[lane], positions[lane], velocities[lane], radii[lane], velocity
+        )
+        joint_rates_lane(lengths, q[lane], velocity, rates[lane])
+        excess = max(1.0, abs(rates[lane, 0]) / rate_limits[0], abs(rates[lane, 1]) / rate_limits[1])
+        rates[lane, 0] /= excess
+        rates[lane, 1] /= excess
+    return rates

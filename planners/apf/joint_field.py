@@ -1,0 +1,155 @@
+"""A field in joint space that is at its goal, at rest, exactly when the time is over.
+
+Its well steepens as time runs out. With the error ``e = goal - q`` and the time left ``tau``
+
+    q'' = 6 e / tau^2 - 4 q' / tau,
+
+the force of the well ``U = 3 e^2 / tau^2`` and a damping of ``4 / tau``, moves every joint along the cubic that reaches
+rest at the goal in time with the least integral of ``q''^2``. From rest that is a parabola of velocity; the least
+torque, summed as absolute values, is asked by a motion that gets up to speed at once, coasts, and brakes late. So the
+well is only for braking. Before, the joints are driven to the velocity ``v = e / (tau - t_b / 3)`` at which they can
+coast until the time ``t_b`` that braking takes is left: then ``e = 2/3 v tau``, where the well's force is zero, and
+from there it grows linearly to ``2 v / t_b`` at the goal, as large as the torques in the goal's posture allow.
+This is the velocity servo of O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986),
+eq 15 to 17, whose largest velocity is not a constant but what the time left demands.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from planners.arm import Arm
+from planners.control import held_torque_lane
+from planners.dynamics import inverse_dynamics_lane
+from planners.typing import Array
+
+BRAKING_SHARE = 0.9
+"""Share of the torque limits that braking is planned with; the rest is for centrifugal torques and disturbances."""
+
+TORQUE_SHARE = 0.999
+"""Share of the torque limits that is used; held torques half a period ahead are a prediction."""
+
+_LEAST_BRAKING = 4.0
+"""Periods that braking takes at least, so that it is a motion even for limits that are hardly felt."""
+
+_PASSES = 4
+
+_LEAST_ROOM = 0.1
+"""Share of a torque limit that braking counts on, however much of it the weight takes."""
+
+
+def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, period: float) -> Array:
+    """Joint accelerations of the field.
+
+    Args:
+        arm: with any number of links. Its joint ranges are kept by moves from rest within them, which are straight
+            lines in joint space as long as the torques suffice.
+        q, qd: joint angles and velocities, ``(lanes, n)``.
+        goal: joint angles to reach, ``(lanes, n)``, rad.
+        time_left: until the joints shall rest there, a number or ``(lanes,)``, s; counted in whole periods.
+        period: control period, s.
+
+    Returns:
+        Mean joint accelerations over the next period, ``(lanes, n)``, rad/s^2, scaled down lane by lane where their
+        torques would exceed the limits.
+
+    Raises:
+        ValueError: if the period is not positive.
+    """
+    if not period > 0.0:
+        raise ValueError(f"period {period} s must be positive")
+    q, qd, goal = (np.ascontiguousarray(array, dtype=float) for array in (q, qd, goal))
+    periods = np.maximum(1.0, np.rint(np.broadcast_to(np.asarray(time_left, dtype=float), len(q)) / period))
+    out = np.empty_like(q)
+    _reach(*arm.chain_constants, np.array(arm.limits.torque), q, qd, goal, periods, period, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def least_acceleration(error: float, speed: float, periods: float, period: float) -> float:
+    """The well's acceleration of one joint, held for the next period, in its exact form for sampled motions.
+
+    Of all sequences of accelerations, each held for a period T, that bring a joint to rest at the goal in N periods,
+    the one with the least sum of squares begins with ``6 e / (N (N + 1) T^2) - (4 N + 1) qd / (N (N + 1) T)``.
+
+    Args:
+        error: from the angle to the goal, e, rad.
+        speed: qd, rad/s.
+        periods: N; with a single one left all that can be done is to stop.
+        period: T, s.
+    """
+    if periods < 1.5:
+        return -speed / period
+    steps = periods * (periods + 1.0) * period
+    return (6.0 * error / period - (4.0 * periods + 1.0) * speed) / steps
+
+
+@njit(cache=True, nogil=True)
+def _reach(
+    coupling: Array,
+    weight: Array,
+    torque: Array,
+    q: Array,
+    qd: Array,
+    goal: Array,
+    periods: Array,
+    period: float,
+    out: Array,
+) -> None:
+    for lane in range(q.shape[0]):
+        left = periods[lane] * period
+        braking = _braking_time(coupling, weight, torque, q[lane], goal[lane], left)
+        braking = max(braking, _LEAST_BRAKING * period)
+        for i in range(q.shape[1]):
+            error = goal[lane, i] - q[lane, i]
+            if left <= braking:
+                out[lane, i] = least_acceleration(error, qd[lane, i], periods[lane], period)
+            else:
+                out[lane, i] = (error / (left - braking / 3.0) - qd[lane, i]) / period
+        _fit_torque(coupling, weight, torque, q[lane], qd[lane], period, out[lane])
+
+
+@njit(cache=True, nogil=True)
+def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
+    """How long braking takes, s, if its last torques, those at the goal, are what the limits leave beside the weight.
+
+    The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
+    the least k, s^2, for which the torques of ``e / k`` can be had. Infinite if there is no solution.
+    """
+    n = q.shape[0]
+    still, held, inertial = np.zeros(n), np.empty(n), np.empty(n)
+    inverse_dynamics_lane(coupling, weight, goal, still, still, held)
+    inverse_dynamics_lane(coupling, weight, goal, still, goal - q, inertial)
+    least = 0.0
+    for i in range(n):
+        room = max(BRAKING_SHARE * torque[i] - abs(held[i]), _LEAST_ROOM * torque[i])
+        least = max(least, abs(inertial[i] - held[i]) / room)
+    square = left * left - 8.0 / 3.0 * least
+    return 1.5 * (left - math.sqrt(square)) if square >= 0.0 else math.inf
+
+
+@njit(cache=True, nogil=True)
+def _fit_torque(coupling: Array, weight: Array, torque: Array, q: Array, qd: Array, period: float, qdd: Array) -> None:
+    """Scale accelerations down until the torques held for a period fit; to zero where not even zero does.
+
+    In the state half a period ahead, centrifugal torques are quadratic in the accelerations: hence several passes.
+    """
+    n = q.shape[0]
+    still, wanted = np.empty(n), np.empty(n)
+    held_torque_lane(coupling, weight, q, qd, np.zeros(n), period, still)
+    for _ in range(_PASSES):
+        held_torque_lane(coupling, weight, q, qd, qdd, period, wanted)
+        share = 1.0
+        for i in range(n):
+            limit = TORQUE_SHARE * torque[i]
+            if abs(wanted[i]) > limit:
+                room = math.copysign(limit, wanted[i]) - still[i]
+                share = min(share, max(0.0, room / (wanted[i] - still[i])))
+        if share == 1.0:
+            return
+        for i in range(n):
+            qdd[i] *= share

@@ -1,0 +1,125 @@
+"""Khatib's potential on the hand: a bowl around the goal and a wall around every disc.
+
+"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong), after O. Khatib,
+"Real-Time Obstacle Avoidance for Manipulators and Mobile Robots". Equation numbers are those of the former:
+
+    (6)       U_att = 1/2 xi |p - p_goal|^2
+    (8, 9)    U_rep = 1/2 eta (1 / rho - 1 / rho_0)  up to rho = rho_0, and 0 beyond          "printed"
+    Khatib    U_rep = 1/2 eta (1 / rho - 1 / rho_0)^2  up to rho = rho_0, and 0 beyond        the square (8) lacks
+    (10)      rho = least distance of the hand p from the obstacle
+
+The printed form is pushed from at full strength as soon as rho falls below rho_0: its slope jumps there from 0 to
+``eta / (2 rho_0^2)``. Khatib's has a continuous slope.
+
+The potential drives the hand's velocity (eq 16), so it is in m^2/s: xi in 1/s, eta in m^3/s for the printed form and in
+m^4/s for Khatib's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+NEAREST_SHARE = 0.1
+"""Nearer than this share of the influence the wall goes on at the slope it has there: at contact it would be infinitely
+steep, which no sampled motion survives."""
+
+
+class Gains(NamedTuple):
+    """What shapes the potential.
+
+    Attributes:
+        attraction: xi, 1/s.
+        repulsion: eta, m^4/s with the square and m^3/s without it.
+        influence: rho_0, m.
+        square: Khatib's wall, with the square; else the printed one.
+    """
+
+    attraction: float
+    repulsion: float
+    influence: float
+    square: bool
+
+
+def make_gains(attraction: float, repulsion: float, influence: float, square: bool = True) -> Gains:
+    """Gains for either form of the wall.
+
+    Args:
+        attraction: xi, 1/s.
+        repulsion: eta of Khatib's form, m^4/s. The printed form gets the eta that pushes as hard halfway into the
+            influence, ``2 eta / rho_0``, so that the two can be compared.
+        influence: rho_0, m.
+        square: whether the wall is Khatib's.
+
+    Raises:
+        ValueError: if one of the numbers is not finite and positive.
+    """
+    for name, value in (("attraction", attraction), ("repulsion", repulsion), ("influence", influence)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} {value} must be finite and positive")
+    return Gains(attraction, repulsion if square else 2.0 * repulsion / influence, influence, square)
+
+
+@njit(cache=True, nogil=True)
+def wall(gains: Gains, rho: float) -> float:
+    """Repulsive potential (eq 8, 9) at distance ``rho`` (m) from a disc, m^2/s."""
+    if rho > gains.influence:
+        return 0.0
+    inside = max(rho, NEAREST_SHARE * gains.influence)
+    height = 1.0 / inside - 1.0 / gains.influence
+    potential = 0.5 * gains.repulsion * (height * height if gains.square else height)
+    return potential + wall_slope(gains, inside) * (rho - inside)
+
+
+@njit(cache=True, nogil=True)
+def wall_slope(gains: Gains, rho: float) -> float:
+    """Derivative of :func:`wall` by the distance, m/s: 0 or negative."""
+    if rho > gains.influence:
+        return 0.0
+    inside = max(rho, NEAREST_SHARE * gains.influence)
+    slope = -0.5 * gains.repulsion / (inside * inside)
+    return slope * 2.0 * (1.0 / inside - 1.0 / gains.influence) if gains.square else slope
+
+
+@njit(cache=True, nogil=True)
+def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: Array) -> tuple[Array, Array]:
+    """Attractive and repulsive potential (eq 6, 8 to 10), each ``(points,)``, m^2/s; eq 3 is their sum.
+
+    Args:
+        gains: what shapes the potential.
+        hands: where to evaluate it, ``(points, 2)``, m.
+        goal: ``(2,)``, m.
+        positions: centres of the discs, ``(k, 2)``, m; their walls add up.
+        radii: of the discs, grown by that of the hand, ``(k,)``, m.
+    """
+    bowl, walls = np.empty(hands.shape[0]), np.zeros(hands.shape[0])
+    for i in range(hands.shape[0]):
+        x, y = hands[i, 0], hands[i, 1]
+        bowl[i] = 0.5 * gains.attraction * ((x - goal[0]) ** 2 + (y - goal[1]) ** 2)
+        for k in range(radii.shape[0]):
+            walls[i] += wall(gains, np.hypot(x - positions[k, 0], y - positions[k, 1]) - radii[k])
+    return bowl, walls
+
+
+@njit(cache=True, nogil=True)
+def gradient_lane(
+    gains: Gains, hand: Array, goal: Array, positions: Array, radii: Array, shifts: Array, gradient: Array
+) -> None:
+    """Gradient (eq 2) of the total potential at one hand, m/s, written to ``gradient``, ``(2,)``.
+
+    Arguments as for :func:`potential`; every disc counts as ``shifts``, ``(k,)``, m, farther than it is (0: eq 10).
+    """
+    for axis in range(2):
+        gradient[axis] = gains.attraction * (hand[axis] - goal[axis])
+    for k in range(radii.shape[0]):
+        dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
+        distance = np.hypot(dx, dy)
+        slope = wall_slope(gains, distance - radii[k] + shifts[k])
+        if distance > 0.0:  # at the very centre there is no way out to prefer
+            gradient[0] += slope * dx / distance
+            gradient[1] += slope * dy / distance

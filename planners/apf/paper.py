@@ -1,0 +1,305 @@
+"""The potential-field paper as published: the hand slides down the potential, the arm follows, nothing looks further.
+
+"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong): a bowl around the
+goal and a wall around the obstacle (:mod:`planners.apf.khatib`), fed with a distance that knows how the obstacle moves
+(:mod:`planners.apf.distance_table`), give the velocity of the hand and by the inverse Jacobian that of the joints
+(:mod:`planners.apf.hand_field`), every 0.1 ms. Equations 13 to 15 are the inverse kinematics: see :func:`posture`.
+
+No limit of the arm plays a part, the motion starts at the speed the potential asks for, and only the hand is kept
+clear. This module reproduces that: use it to study the paper, and :mod:`planners.apf` to plan.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from planners.apf.distance_table import DistanceTable
+from planners.apf.hand_field import (
+    ATTRACTION,
+    INFLUENCE,
+    REPULSION,
+    Distance,
+    HandField,
+    hand_velocity_lane,
+    joint_rates_lane,
+    make_field,
+)
+from planners.clearance import clearance_lane
+from planners.kinematics import hand_state_lane
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.typing import Array
+
+PERIOD = 1e-4
+"""The paper's sampling period, s."""
+
+Outcome = Literal["reached", "collision", "local_minimum", "late"]
+
+_MEASURING_TIME = 0.01  # s
+_MOST_SAMPLES = 5_000_000
+_STALL_TIME, _STALL_SHARE = 0.5, 0.1  # s; of the way the bowl alone would have taken the hand in that time
+
+
+@dataclass(frozen=True)
+class FieldMotion:
+    """Where the field takes the arm, to the goal or not.
+
+    Attributes:
+        t: sample times, ``(samples,)``, s.
+        q, qd: joint angles and the velocities the field asks for there, ``(samples, 2)``.
+        clearance: of the whole arm from the discs, ``(samples,)``, m; inf without discs.
+        hand_clearance: the same of the hand alone, which is all the paper looks at.
+        outcome: ``reached`` the goal, a ``collision`` of the arm, stuck in a ``local_minimum`` at the horizon, or
+            still on its way then (``late``).
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    clearance: Array
+    hand_clearance: Array
+    outcome: Outcome
+
+
+def plan_paper(
+    problem: MotionProblem,
+    *,
+    square: bool = True,
+    distance: Distance | DistanceTable = "table",
+    attraction: float = ATTRACTION,
+    repulsion: float = REPULSION,
+    influence: float = INFLUENCE,
+    period: float = PERIOD,
+    tolerance: float = 1e-3,
+) -> Trajectory:
+    """Plan as the paper does, the discs predicted at constant velocity.
+
+    Args:
+        problem: a two-link arm and a target that stands still. Limits play no part.
+        square: Khatib's wall; else eq 8 as printed, which lacks the square.
+        distance: ``"table"`` (eq 20), ``"static"`` (eq 10), or a table of one's own.
+        attraction: xi, 1/s.
+        repulsion: eta of Khatib's wall, m^4/s; the printed one gets ``2 eta / rho_0``, m^3/s.
+        influence: rho_0, m.
+        period: of the sampling, s.
+        tolerance: how near the goal the hand has to come, m; there it still moves at xi times that.
+
+    Returns:
+        The motion until the goal is reached. Nothing is scaled to fit: ``limit_ratios`` may be above 1, also because
+        the hand starts at the speed the field asks for. ``cost`` is the time it takes, s.
+
+    Raises:
+        Infeasible: reason ``collision`` if the arm touches a disc (details: ``time``, s; ``clearance`` of arm and
+            ``hand_clearance``, m; ``distance`` to the goal, m), ``local_minimum`` if it is stuck at the horizon,
+            ``late`` if it is still on its way then (same details), ``unreachable`` if the goal is out of reach.
+        ValueError: if the problem or an option is not of this kind.
+    """
+    field = make_field(
+        square=square, distance=distance, attraction=attraction, repulsion=repulsion, influence=influence
+    )
+    motion = follow_field(problem, field, period=period, tolerance=tolerance)
+    if motion.outcome != "reached":
+        raise _failure(problem, motion)
+    qdd = np.gradient(motion.qd, motion.t, axis=0)
+    tau = problem.loaded_arm.inverse_dynamics(motion.q, motion.qd, qdd)
+    return Trajectory(
+        t=motion.t,
+        q=motion.q,
+        qd=motion.qd,
+        qdd=qdd,
+        tau=tau,
+        limit_ratios=limit_ratios(problem.joint_limits, motion.t, motion.q, motion.qd, qdd, tau),
+        cost=float(motion.t[-1]),
+        rendezvous_time=float(motion.t[-1]),
+        planner=f"APF paper, {'Khatib' if square else 'printed'}, {distance if isinstance(distance, str) else 'own'}",
+    )
+
+
+def follow_field(
+    problem: MotionProblem,
+    field: HandField,
+    *,
+    period: float = PERIOD,
+    tolerance: float = 1e-3,
+    measuring_time: float = _MEASURING_TIME,
+) -> FieldMotion:
+    """Where the field takes the arm, until it is at the goal, touches a disc, or the horizon is over.
+
+    Args:
+        problem, period, tolerance: as for :func:`plan_paper`.
+        field: of :func:`planners.apf.hand_field.make_field`.
+        measuring_time: over which the hand's velocity is measured that the table needs, s; 0 takes the one of the
+            sample before, and where the wall is steep the two then chase each other from sample to sample.
+
+    Raises:
+        Infeasible: reason ``unreachable`` if the goal is out of reach.
+        ValueError: if the problem or an option is not of this kind.
+    """
+    arm, goal = problem.arm, hand_goal(problem)
+    if not (math.isfinite(tolerance) and tolerance > 0.0):
+        raise ValueError(f"tolerance {tolerance} m must be finite and positive")
+    if not (math.isfinite(measuring_time) and measuring_time >= 0.0):
+        raise ValueError(f"measuring_time {measuring_time} s must be finite and not negative")
+    if not 0.0 < period <= problem.horizon / 2.0:
+        raise ValueError(f"period {period} s must be positive and at most half the horizon of {problem.horizon} s")
+    steps = round(problem.horizon / period)
+    if steps > _MOST_SAMPLES:
+        raise ValueError(f"{steps} samples are more than {_MOST_SAMPLES}; give a longer period or a shorter horizon")
+    discs = problem.obstacles
+    samples = _follow(
+        arm.length_array,
+        arm.base_array,
+        arm.link_radius,
+        field,
+        problem.q,
+        problem.start[1],
+        goal,
+        np.array([disc.position for disc in discs]).reshape(-1, 2),
+        np.array([disc.velocity for disc in discs]).reshape(-1, 2),
+        np.array([disc.radius for disc in discs], dtype=float),
+        period,
+        steps,
+        tolerance,
+        1.0 - math.exp(-period / measuring_time) if measuring_time else 1.0,
+    )
+    q, qd, clearance, hand_clearance = samples
+    return FieldMotion(
+        t=period * np.arange(len(q), dtype=np.float64),
+        q=q,
+        qd=qd,
+        clearance=clearance,
+        hand_clearance=hand_clearance,
+        outcome=_outcome(problem, field, goal, q, clearance, period, tolerance),
+    )
+
+
+def hand_goal(problem: MotionProblem) -> Array:
+    """Where the hand is to go, ``(2,)``, m.
+
+    Raises:
+        Infeasible: reason ``unreachable`` if the goal is out of reach.
+        ValueError: if the arm has not two links, or the target does not stand still.
+    """
+    arm, target = problem.arm, problem.target
+    if arm.n_joints != 2:
+        raise ValueError(f"the paper's field moves an arm of two links; {arm.name} has {arm.n_joints}")
+    if isinstance(target, FixedJoints):
+        return arm.forward_kinematics(target.q)
+    if not isinstance(target, FixedHand):
+        raise ValueError(f"the paper's goal stands still: give a FixedHand or FixedJoints target, not {target}")
+    try:
+        arm.inverse_kinematics(target.position)
+    except ValueError as error:
+        raise Infeasible("unreachable", str(error), position=target.position) from None
+    return target.position
+
+
+@njit(cache=True, nogil=True)
+def _follow(
+    lengths: Array,
+    base: Array,
+    link_radius: float,
+    field: HandField,
+    start: Array,
+    start_velocity: Array,
+    goal: Array,
+    start_positions: Array,
+    velocities: Array,
+    radii: Array,
+    period: float,
+    steps: int,
+    tolerance: float,
+    blend: float,
+) -> tuple[Array, Array, Array, Array]:
+    """Samples of q, qd, clearance of the arm and of the hand; the last one is at the goal, in contact or at the end."""
+    q, qd = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
+    clearance, hand_clearance = np.full(steps + 1, np.inf), np.full(steps + 1, np.inf)
+    hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
+    grown = radii + link_radius
+    q[0] = start
+    measured = start_velocity.copy()
+    last = steps
+    for i in range(steps + 1):
+        positions = start_positions + i * period * velocities
+        hand_state_lane(lengths, base, q[i], measured, hand, hand_velocity)
+        hand_velocity_lane(field, hand, hand_velocity, goal, positions, velocities, grown, velocity)
+        joint_rates_lane(lengths, q[i], velocity, qd[i])
+        measured += blend * (qd[i] - measured)
+        for k in range(radii.shape[0]):
+            x, y = positions[k]
+            clearance[i] = min(clearance[i], clearance_lane(lengths, base, link_radius, q[i], x, y, radii[k]))
+            hand_clearance[i] = min(hand_clearance[i], np.hypot(hand[0] - x, hand[1] - y) - grown[k])
+        arrived = i > 0 and np.hypot(hand[0] - goal[0], hand[1] - goal[1]) <= tolerance  # a motion has two samples
+        if arrived or clearance[i] < 0.0:
+            last = i
+            break
+        if i < steps:
+            q[i + 1] = q[i] + period * qd[i]
+    end = last + 1
+    return q[:end].copy(), qd[:end].copy(), clearance[:end].copy(), hand_clearance[:end].copy()
+
+
+def _outcome(
+    problem: MotionProblem,
+    field: HandField,
+    goal: Array,
+    q: Array,
+    clearance: Array,
+    period: float,
+    tolerance: float,
+) -> Outcome:
+    if clearance[-1] < 0.0:
+        return "collision"
+    back = min(round(_STALL_TIME / period), len(q) - 1)
+    before, hand = problem.arm.forward_kinematics(q[[-1 - back, -1]])
+    distance, moved = np.hypot(*(hand - goal)), np.hypot(*(hand - before))
+    if distance <= tolerance:
+        return "reached"
+    stuck = moved < _STALL_SHARE * back * period * field.gains.attraction * distance
+    return "local_minimum" if stuck else "late"
+
+
+def _failure(problem: MotionProblem, motion: FieldMotion) -> Infeasible:
+    distance = float(np.hypot(*(problem.arm.forward_kinematics(motion.q[-1]) - hand_goal(problem))))
+    time, clearance, hand_clearance = float(motion.t[-1]), float(motion.clearance[-1]), float(motion.hand_clearance[-1])
+    away = f"{distance:.3g} m from the goal"
+    message = {
+        "collision": f"the arm touches a disc at {time:.3g} s, the hand {hand_clearance:.3g} m clear of it and {away}",
+        "local_minimum": f"at the horizon of {time:.3g} s the arm is stuck {away}",
+        "late": f"at the horizon of {time:.3g} s the hand is still on its way, {away}; give it more time",
+    }[motion.outcome]
+    return Infeasible(
+        motion.outcome, message, time=time, clearance=clearance, hand_clearance=hand_clearance, distance=distance
+    )
+
+
+def posture(lengths: ArrayLike, hand: ArrayLike, elbow: int = 1, *, as_printed: bool = False) -> Array:
+    """Joint angles of a two-link arm by eq 13 to 15, ``(2,)`` or ``(lanes, 2)``, rad; NaN out of reach.
+
+    The arc tangents have to be of two arguments. Eq 14 as printed is half a turn off where the elbow is bent by more
+    than 90 degrees. Eq 15 as printed, its ``atan(x, y)`` the arc tangent of x / y as its second fraction suggests,
+    gives minus theta_1, up to half a turn.
+
+    Args:
+        lengths: of the links, ``(2,)``, m.
+        hand: relative to the base, ``(2,)`` or ``(lanes, 2)``, m.
+        elbow: 1 or -1, the sign of eq 14.
+        as_printed: with the paper's slips.
+    """
+    a1, a2 = np.asarray(lengths, dtype=float)
+    x, y = np.moveaxis(np.asarray(hand, dtype=float), -1, 0)
+    r = (x**2 + y**2 - a1**2 - a2**2) / (2.0 * a1 * a2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sine = np.copysign(np.sqrt(1.0 - r**2), elbow)
+        if as_printed:
+            theta2 = np.arctan(sine / r)
+            theta1 = np.arctan(x / y) - np.arctan((a1 + a2 * np.cos(theta2)) / (a2 * np.sin(theta2)))
+        else:
+            theta2 = np.arctan2(sine, r)
+            theta1 = np.arctan2(y, x) - np.arctan2(a2 * np.sin(theta2), a1 + a2 * np.cos(theta2))
+    return np.stack([theta1, theta2], axis=-1)

@@ -1,0 +1,117 @@
+"""What the field proposes where going straight to the goal is predicted to come too close to a disc.
+
+The wells of both elbows; as detours, to go on with the last one, to wait, and wells displaced from where the arm would
+come to rest: along the repulsion, against it, and along the circulation in either sense, which is round the disc in
+front of it and behind it; for good, to stay, and to retreat to a folded arm. The one that costs least according to
+:func:`planners.apf.safety.look_ahead` is taken. That is what gets a lane out of the local minima of a sum of forces.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from planners.apf.safety import NEVER, STEP, Outlook, Proposal, Scene, look_ahead, to_go
+from planners.apf.whole_arm import CRUISE_SHARE, gap, repulsion
+from planners.typing import Array
+
+COMPASS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Directions of displaced wells: shares along the repulsion and along the circulation."""
+
+FOLDED = 0.92
+"""How far the elbow is bent in a retreat, as a share of its range."""
+
+WELL_MARGIN = 0.02
+"""How far wells stay from the ends of the joint ranges, rad."""
+
+
+@njit(cache=True, nogil=True)
+def choose_well(scene: Scene, record: Any) -> None:
+    """Choose the well that draws the lane, and write it to the record."""
+    gains, goals = scene.gains, scene.state.postures
+    elbow, other = record.elbow, 1 - record.elbow
+    was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
+    outlook = look_ahead(scene, _straight(goals, elbow), np.inf)
+    _take(record, goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, False)
+    record.decided = True
+    if outlook.slack >= 0.0:
+        return
+    least = outlook.cost
+    if scene.state.handicaps[other] < np.inf:
+        cost = look_ahead(scene, _straight(goals, other), least).cost
+        if cost < least:
+            least, record.elbow = cost, other
+            _take(record, goals[other, 0], goals[other, 1], CRUISE_SHARE, False)
+    rest1, rest2, push1, push2 = _rest_and_push(scene, outlook)
+    briefly = round(gains.detour / STEP)
+    if was_detour:
+        least = _try_well(scene, record, Proposal(last1, last2, gains.evade, briefly, elbow), least, gains.constancy)
+    least = _try_well(scene, record, Proposal(rest1, rest2, gains.evade, briefly, elbow), least, 0.0)
+    for along, across in COMPASS:
+        well1 = rest1 + gains.push * (along * push1 - across * push2)
+        well2 = rest2 + gains.push * gains.push_elbow * (across * push1 + along * push2)
+        least = _try_well(scene, record, Proposal(well1, well2, gains.evade, briefly, elbow), least, 0.0)
+    for swing in range(-1, 2):
+        for fold in (-FOLDED, FOLDED):
+            well1, well2 = rest1 + swing * gains.retreat, fold * scene.body.ranges[1]
+            least = _try_refuge(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least)
+    _try_refuge(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least)
+
+
+@njit(cache=True, nogil=True)
+def _try_refuge(scene: Scene, record: Any, refuge: Proposal, least: float) -> float:
+    """Like `_try_well` for one that draws the lane for good: that costs the way back at least."""
+    way_back = to_go(scene.body, scene.state, refuge.q1, refuge.q2, 0.0, 0.0)
+    return least if way_back > least else _try_well(scene, record, refuge, least, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _try_well(scene: Scene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
+    """Take a well if it costs less, with its bonus, than the least so far; the least cost then."""
+    end1, end2 = scene.body.ranges[0] - WELL_MARGIN, scene.body.ranges[1] - WELL_MARGIN
+    well1, well2 = min(end1, max(-end1, wanted.q1)), min(end2, max(-end2, wanted.q2))
+    proposal = Proposal(well1, well2, wanted.share, wanted.steps, wanted.elbow)
+    cost = look_ahead(scene, proposal, least + bonus).cost - bonus
+    if cost >= least:
+        return least
+    record.elbow = proposal.elbow
+    _take(record, well1, well2, proposal.share, True)
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def _straight(goals: Array, elbow: int) -> Proposal:
+    return Proposal(goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, NEVER, elbow)
+
+
+@njit(cache=True, nogil=True)
+def _take(record: Any, well1: float, well2: float, share: float, detour: bool) -> None:
+    record.well[0], record.well[1], record.share, record.detour = well1, well2, share, detour
+
+
+@njit(cache=True, nogil=True)
+def _rest_and_push(scene: Scene, outlook: Outlook) -> tuple[float, float, float, float]:
+    """Where the joints come to rest if they brake, and the direction of the repulsion, both in joint space.
+
+    The repulsion is that of the disc that comes closest on the straight way, where and when it does. Its direction is
+    a unit vector if the second joint is measured in units of ``push_elbow``.
+    """
+    body, state, gains = scene.body, scene.state, scene.gains
+    rest1 = state.q[0] + 0.5 * state.qd[0] * abs(state.qd[0]) / (gains.evade * body.hardest[0])
+    rest2 = state.q[1] + 0.5 * state.qd[1] * abs(state.qd[1]) / (gains.evade * body.hardest[1])
+    nearest, push1, push2 = np.inf, 1.0, 0.0
+    for disc in range(scene.radii.shape[0]):
+        x, y = scene.places[outlook.step, disc, 0], scene.places[outlook.step, disc, 1]
+        c1, s1, outer = math.cos(outlook.q1), math.sin(outlook.q1), outlook.q1 + outlook.q2
+        distance = gap(body.lengths[0], body.lengths[1], c1, s1, math.cos(outer), math.sin(outer), x, y)
+        if distance - scene.radii[disc] < nearest:
+            nearest = distance - scene.radii[disc]
+            push1, push2 = repulsion(body, outlook.q1, outlook.q2, x, y)
+    push2 *= gains.push_elbow
+    norm = math.hypot(push1, push2)
+    if norm < 1e-6:
+        return rest1, rest2, 1.0, 0.0
+    return rest1, rest2, push1 / norm, push2 / norm

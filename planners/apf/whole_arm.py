@@ -1,0 +1,215 @@
+"""A potential field in joint space that knows the whole arm, where the discs are going, and both elbows.
+
+The ingredients, each for a two-link arm:
+
+* attraction: a conic well around a posture. Its force is limited, and the velocity that it may build up is what can be
+  braked on the way that is left (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986);
+* repulsion: away from a disc at the point of the arm that will be closest to it, mapped to the joints by the transposed
+  Jacobian of that point (Khatib's FIRAS applied to every link);
+* circulation: at right angles to the repulsion (L. Singh, H. Stephanou, J. Wen, "Real-time robot motion control with
+  circulatory fields", 1996): round a disc, in front of it or behind it;
+* prediction: all of it acts on where the discs will be.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from planners.arm import Arm
+from planners.kinematics import two_link_branch
+from planners.typing import Array
+
+BRAKING_SHARE = 0.85
+"""Share of the strength of a well that its braking counts on."""
+
+APPROACH = 0.8
+"""Share of the distance that is left which is gone in a period close to the bottom of a well."""
+
+
+BODY = [
+    ("lengths", "f8", (2,)),
+    ("link_radius", "f8"),
+    ("ranges", "f8", (2,)),
+    ("top", "f8", (2,)),
+    ("cruise", "f8", (2,)),
+    ("hardest", "f8", (2,)),
+    ("torque", "f8", (2,)),
+    ("coupling", "f8", (2, 2)),
+    ("weight", "f8", (2,)),
+]
+"""What the kernels know of a two-link arm: its links, m; largest angles, rad, and velocities, rad/s; accelerations
+towards the goal and the largest, rad/s^2; largest torques, N m; and its dynamics, see :mod:`planners.dynamics`."""
+
+CRUISE_SHARE = 0.5
+"""Share of the acceleration limits that the way to the goal uses: the other half is for evading."""
+
+
+def make_body(arm: Arm) -> Any:
+    """The kernels' view of an arm, a record of `BODY`.
+
+    Raises:
+        ValueError: if it has not two links, or a limit that the field needs is missing.
+    """
+    if arm.n_joints != 2:
+        raise ValueError(f"the whole-arm field is made for two links; {arm.name} has {arm.n_joints}")
+    limits = arm.limits
+    for name in ("velocity", "acceleration"):
+        if not np.isfinite(getattr(limits, name)).all():
+            raise ValueError(f"the whole-arm field needs {name} limits; {arm.name} has {getattr(limits, name)}")
+    body = np.zeros(1, BODY)[0]
+    body["lengths"], body["link_radius"] = arm.lengths, arm.link_radius
+    body["ranges"], body["top"] = np.minimum(limits.angle, math.pi), limits.velocity
+    body["hardest"], body["torque"] = limits.acceleration, limits.torque
+    body["cruise"] = CRUISE_SHARE * body["hardest"]
+    body["coupling"], body["weight"] = arm.chain_constants
+    return body
+
+
+@njit(cache=True, nogil=True, inline="always")
+def clip(value: float, low: float, high: float) -> float:
+    """The nearest number within bounds, without the care for NaN that makes min and max slower."""
+    return low if value < low else (high if value > high else value)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def attraction(error: float, v: float, strength: float, top: float, rate: float) -> float:
+    """Acceleration of one joint in a conic well ``error`` away, braked in time; ``rate``: periods per second."""
+    distance = abs(error)
+    braked, approach = math.sqrt(2.0 * BRAKING_SHARE * strength * distance), APPROACH * rate * distance
+    speed = clip(braked, 0.0, approach if approach < top else top)
+    return clip(rate * (math.copysign(speed, error) - v), -strength, strength)
+
+
+@njit(cache=True, nogil=True)
+def time_to(body: Any, q1: float, q2: float, v1: float, v2: float, posture: Array) -> float:
+    """Least time to come to rest in a posture, as if the joints were independent, s."""
+    first = _rest_time(posture[0] - q1, v1, body.top[0], body.cruise[0])
+    return max(first, _rest_time(posture[1] - q2, v2, body.top[1], body.cruise[1]))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _rest_time(error: float, v: float, top: float, a: float) -> float:
+    """Least time of one joint, s: that from where the motion would have begun at rest, less that of the run-up."""
+    if error < 0.0:
+        error, v = -error, -v
+    per_a = 1.0 / a
+    run_up = 0.5 * v * v * per_a
+    if v > 0.0 and error < run_up:  # it overshoots, and comes back from where it stops
+        error, run_up, v = run_up - error, 0.0, -v
+    way = error + run_up
+    cruising = way * a > top * top
+    return (way / top + top * per_a if cruising else 2.0 * math.sqrt(way * per_a)) - v * per_a
+
+
+@njit(cache=True, nogil=True)
+def goal_postures(body: Any, x: float, y: float, postures: Array) -> None:
+    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``; NaN where a range is left."""
+    for branch in range(2):
+        q1, q2 = two_link_branch(body.lengths[0], body.lengths[1], x, y, 1.0 - 2.0 * branch)
+        if not (abs(q1) < body.ranges[0] and abs(q2) < body.ranges[1]):
+            q1 = q2 = np.nan
+        postures[branch, 0], postures[branch, 1] = q1, q2
+
+
+@njit(cache=True, nogil=True, inline="always")
+def gap(l1: float, l2: float, c1: float, s1: float, c2: float, s2: float, x: float, y: float) -> float:
+    """Distance of a point from the axes of both links, whose directions are ``(c1, s1)`` and ``(c2, s2)``, m."""
+    along = clip(x * c1 + y * s1, 0.0, l1)
+    dx, dy = x - along * c1, y - along * s1
+    upper = dx * dx + dy * dy
+    dx, dy = x - l1 * c1, y - l1 * s1
+    along = clip(dx * c2 + dy * s2, 0.0, l2)
+    dx, dy = dx - along * c2, dy - along * s2
+    fore = dx * dx + dy * dy
+    return math.sqrt(fore if fore < upper else upper)
+
+
+@njit(cache=True, nogil=True)
+def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[float, float]:
+    """Gradient of the arm's distance from a point by its angles, m: by the transposed Jacobian of its closest one."""
+    l1, l2 = body.lengths[0], body.lengths[1]
+    c1, s1, c2, s2 = math.cos(q1), math.sin(q1), math.cos(q1 + q2), math.sin(q1 + q2)
+    along = min(l1, max(0.0, x * c1 + y * s1))
+    near_x, near_y, outer = along * c1, along * s1, 0.0
+    upper = math.hypot(x - near_x, y - near_y)
+    beyond = min(l2, max(0.0, (x - l1 * c1) * c2 + (y - l1 * s1) * s2))
+    fore_x, fore_y = l1 * c1 + beyond * c2, l1 * s1 + beyond * s2
+    distance = math.hypot(x - fore_x, y - fore_y)
+    if distance < upper:
+        near_x, near_y, outer = fore_x, fore_y, beyond
+    away = max(min(distance, upper), 1e-9)
+    nx, ny = (near_x - x) / away, (near_y - y) / away
+    return ny * near_x - nx * near_y, outer * (ny * c2 - nx * s2)
+
+
+@njit(cache=True, nogil=True)
+def held_torques(body: Any, q: Array, qd: Array, qdd1: float, qdd2: float, period: float) -> tuple[float, float]:
+    """Torques, N m, that held for a period give mean accelerations: inverse dynamics half a period ahead."""
+    half = 0.5 * period
+    inner = q[0] + half * (qd[0] + 0.5 * half * qdd1)
+    elbow = q[1] + half * (qd[1] + 0.5 * half * qdd2)
+    w1 = qd[0] + half * qdd1
+    w2 = w1 + qd[1] + half * qdd2
+    c, s, coupling = math.cos(elbow), math.sin(elbow), body.coupling
+    upper = coupling[0, 0] * qdd1 + coupling[0, 1] * (c * (qdd1 + qdd2) - s * w2 * w2)
+    fore = coupling[1, 1] * (qdd1 + qdd2) + coupling[0, 1] * (c * qdd1 + s * w1 * w1)
+    upper += body.weight[0] * math.cos(inner)
+    fore += body.weight[1] * math.cos(inner + elbow)
+    return upper + fore, fore
+
+
+@njit(cache=True, nogil=True)
+def notice_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
+    """The velocity that each disc of a lane is to have, and the change to it, written to ``trends``, ``(discs, 4)``.
+
+    A disc takes on the velocity that it is to have like a first-order lag does, so that shows in how its velocity
+    changes. Discs slide along the ring round the base that they do not enter; what they do there hides the velocity,
+    so the last one from outside is kept.
+
+    Args:
+        gains: a record of `DodgeGains`.
+        record: what is remembered of the lane; its ``begun`` is read, its ``seen`` read and written.
+        positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
+        period: time since the last call, s.
+        trends: the answer, m/s.
+    """
+    sliding = (gains.nearest + 1e-3) ** 2
+    for disc in range(positions.shape[0]):
+        outside = positions[disc, 0] ** 2 + positions[disc, 1] ** 2 > sliding
+        for axis in range(2):
+            change = 0.0
+            if outside or not record.begun:
+                if record.begun:
+                    change = gains.lag / period * (velocities[disc, axis] - record.seen[disc, axis])
+                record.seen[disc, axis] = velocities[disc, axis]
+            trends[disc, axis], trends[disc, 2 + axis] = record.seen[disc, axis] + change, change
+
+
+@njit(cache=True, nogil=True)
+def forecast(gains: Any, sight: Any, positions: Array, trends: Array, places: Array) -> None:
+    """Where the discs of one lane will be, written to ``places``, ``(steps, discs, 2)``, m from the base.
+
+    Args:
+        gains: a record of `DodgeGains`.
+        sight: the instants looked at, an array of `safety.SIGHT`.
+        positions: of the discs now, ``(discs, 2)``, m from the base.
+        trends: from `notice_discs`.
+        places: the answer.
+    """
+    inner, outer = gains.nearest * gains.nearest, gains.farthest * gains.farthest
+    for disc in range(positions.shape[0]):
+        x, y = positions[disc, 0], positions[disc, 1]
+        vx, vy, change_x, change_y = trends[disc]
+        for step in range(places.shape[0]):
+            x += sight[step].travel * vx - sight[step].settling * change_x
+            y += sight[step].travel * vy - sight[step].settling * change_y
+            square = x * x + y * y
+            if square < inner or square > outer:
+                away = math.sqrt(square)
+                scale = min(gains.farthest, max(gains.nearest, away)) / max(away, 1e-9)
+                x, y = scale * x, scale * y
+            places[step, disc, 0], places[step, disc, 1] = x, y

@@ -1,0 +1,114 @@
+"""One joint with limited velocity and acceleration: least times, and the motions that take them, in closed form.
+
+Every motion here accelerates to a speed, cruises, and brakes to rest. A double integrator's time-optimal motion to rest
+has this shape: L. Biagiotti and C. Melchiorri, *Trajectory Planning for Automatic Machines and Robots*, 2008, ch. 3.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from planners.typing import Array
+
+RISE, CRUISE, BRAKE, SPEED = range(4)
+"""Columns of a profile: how long each phase lasts, s, and the velocity of the cruise, rad/s."""
+
+BISECTIONS = 48
+
+
+@njit(cache=True, nogil=True)
+def rest_time(distance: float, v: float, top: float, a: float) -> float:
+    """Least time from velocity ``v`` to rest ``distance`` away, never faster than ``top``, with acceleration ``a``."""
+    peak = _peak(distance, v, top, a)
+    if peak == 0.0:
+        return abs(v) / a
+    return _phases(distance, v, peak, a)
+
+
+@njit(cache=True, nogil=True)
+def entry_time(q: float, v: float, low: float, high: float, top: float, a: float) -> float:
+    """Least time after which a joint can be in ``[low, high]`` for good, without necessarily being at rest."""
+    stop = q + 0.5 * v * abs(v) / a
+    if low <= q <= high and low <= stop <= high:
+        return 0.0
+    if stop > high or (q > high and stop >= low):  # it comes from above: look at it in the mirror
+        q, v, low, high = -q, -v, -high, -low
+    room = math.sqrt(2.0 * a * (high - low))  # the most speed that can be shed inside
+    arrival = math.sqrt(max(0.0, v * v + 2.0 * a * (low - q)))
+    if arrival <= min(room, top):
+        return (arrival - v) / a
+    if top <= room:
+        rising = (top * top - v * v) / (2.0 * a)
+        return (top - v) / a + (low - q - rising) / top
+    return rest_time(high - q, v, top, a) - room / a
+
+
+@njit(cache=True, nogil=True)
+def fill_profile(distance: float, v: float, top: float, a: float, duration: float, profile: Array) -> None:
+    """A motion to rest ``distance`` away that takes ``duration``, s, or the least time if that is longer.
+
+    Written to ``profile``, ``(4,)``: see `RISE`. Also the least time where no motion of this shape takes ``duration``.
+    """
+    quickest = rest_time(distance, v, top, a)
+    speed = _peak(distance, v, top, a)
+    profile[RISE], profile[BRAKE], profile[SPEED] = abs(speed - v) / a, abs(speed) / a, speed
+    profile[CRUISE] = max(0.0, quickest - profile[RISE] - profile[BRAKE])
+    if duration <= quickest:
+        return
+    low, high = max(-top, 0.5 * (v - a * duration)), min(top, 0.5 * (v + a * duration))
+    if not _covered(low, v, a, duration) <= distance <= _covered(high, v, a, duration):
+        return
+    for _ in range(BISECTIONS):  # how far it gets grows with the speed
+        speed = 0.5 * (low + high)
+        if _covered(speed, v, a, duration) < distance:
+            low = speed
+        else:
+            high = speed
+    profile[RISE], profile[BRAKE], profile[SPEED] = abs(speed - v) / a, abs(speed) / a, speed
+    profile[CRUISE] = max(0.0, duration - profile[RISE] - profile[BRAKE])
+
+
+@njit(cache=True, nogil=True)
+def along_profile(profile: Array, v: float, a: float, t: float) -> tuple[float, float, float]:
+    """Way gone, rad, velocity and acceleration at a time of a motion that began with velocity ``v``."""
+    rise, cruise, brake, speed = profile
+    if t < rise:
+        acceleration = math.copysign(a, speed - v)
+        return t * (v + 0.5 * acceleration * t), v + acceleration * t, acceleration
+    way = 0.5 * rise * (v + speed)
+    t -= rise
+    if t < cruise:
+        return way + speed * t, speed, 0.0
+    way += speed * cruise
+    t -= cruise
+    if t < brake:
+        acceleration = -math.copysign(a, speed)
+        return way + t * (speed + 0.5 * acceleration * t), speed + acceleration * t, acceleration
+    return way + 0.5 * speed * brake, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True)
+def _peak(distance: float, v: float, top: float, a: float) -> float:
+    """Signed velocity of the cruise (or of its one instant) of the fastest motion to rest."""
+    beyond = distance - 0.5 * v * abs(v) / a  # from where braking at once would end
+    if beyond == 0.0:
+        return v
+    square = a * math.copysign(1.0, beyond) * distance + 0.5 * v * v
+    return math.copysign(min(top, math.sqrt(max(0.0, square))), beyond)
+
+
+@njit(cache=True, nogil=True)
+def _phases(distance: float, v: float, speed: float, a: float) -> float:
+    """Time of a motion that cruises with ``speed``, which is not 0."""
+    rise, brake = abs(speed - v) / a, abs(speed) / a
+    cruise = (distance - 0.5 * rise * (v + speed) - 0.5 * brake * speed) / speed
+    return rise + max(0.0, cruise) + brake
+
+
+@njit(cache=True, nogil=True)
+def _covered(speed: float, v: float, a: float, duration: float) -> float:
+    """How far a motion gets that cruises with ``speed`` and comes to rest after ``duration``."""
+    rise, brake = abs(speed - v) / a, abs(speed) / a
+    return 0.5 * rise * (v + speed) + speed * (duration - rise - brake) + 0.5 * brake * speed

@@ -1,0 +1,34 @@
+"""One door to several planners: the variant asked for, with options it has."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from planners.problem import MotionProblem, Trajectory
+
+
+def plan_variant(
+    planners: Mapping[Any, Callable[..., Trajectory]], variant: str, problem: MotionProblem, options: Mapping[str, Any]
+) -> Trajectory:
+    """Plan a motion with one of several planners.
+
+    Args:
+        planners: what plans, by the name of the variant.
+        variant: which of them.
+        problem: the motion.
+        options: keyword arguments of that planner, besides the problem.
+
+    Raises:
+        Infeasible: if no motion solves the problem, with the reason.
+        ValueError: if the variant or an option is unknown, or an option is out of range.
+    """
+    if variant not in planners:
+        raise ValueError(f"variant {variant!r} must be one of {', '.join(map(repr, planners))}")
+    planner = planners[variant]
+    allowed = [name for name in inspect.signature(planner).parameters if name != "problem"]
+    unknown = sorted(set(options) - set(allowed))
+    if unknown:
+        raise ValueError(f"variant {variant!r} has no option {', '.join(unknown)}; it has {', '.join(allowed)}")
+    return planner(problem, **options)
