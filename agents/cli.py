@@ -28,6 +28,7 @@ class Command:
 COMMANDS = {
     "benchmark": Command("agents.benchmark", "BenchmarkOptions", "score policies on tasks, beside the known optimum"),
     "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
+    "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
     "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
@@ -39,6 +40,7 @@ Planar robot arms with real physics, beside the planners that solve them.
 
   planarm benchmark                                         the leaderboard, in about a minute
   planarm rollout ConveyorTrack-v0 --policy dpct --render   watch one episode
+  planarm paths ObstacleDodge-v0 --plot paths.png           draw the ways three experts take
   planarm COMMAND --help                                    what a command can do
   planarm --version                                         the version"""
 

@@ -5,38 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from envs.arm_env import PlanarArmEnv, PlanarArmVectorEnv
 from envs.dodge_kernels import MODEL_FIELDS, advance_lanes, lane_fields, reset_lane
+from envs.dodge_starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, ObstacleDodgeOptions
 from envs.observation import Entry, Layout, Observation
-from envs.obstacle_path import (
-    FARTHEST,
-    FASTEST,
-    KINDS,
-    NEAREST,
-    PATH_STEP,
-    SLOWEST,
-    SPAWN_CLEARANCE,
-    Kind,
-    draw_path,
-    follow_points,
-    straight_move,
-)
+from envs.obstacle_path import FARTHEST, FASTEST, NEAREST, PATH_STEP, SLOWEST, SPAWN_CLEARANCE
 from envs.rendering import Scene
-from envs.settings import Settings
 from envs.task import Options, Task, TaskSettings
 from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
-
-Pair = tuple[float, float]
-
-LEAST_ELBOW, LEAST_DISTANCE = 0.3, 0.4
-"""Of what is drawn: least magnitude of the elbow angle, rad, and least distance from the hand to its goal, m."""
 
 
 class ObstacleDodgeConfig(TaskSettings):
@@ -66,58 +48,6 @@ class ObstacleDodgeConfig(TaskSettings):
     collision_penalty: float = Field(2.0, ge=0.0)
     limit_tolerance: float = Field(0.005, ge=0.0)
     limit_penalty: float = Field(0.1, ge=0.0)
-
-
-class ObstacleDodgeOptions(Settings):
-    """Options of ``reset``: what is left out is drawn (``"random"``) or a fixed crossing (``"paper"``).
-
-    Attributes:
-        scenario: ``"random"``, or ``"paper"``: one disc crosses the way of the hand, as in the paper's figure 3.
-        start: joint angles at the start, rad.
-        goal: position of the hand to be reached, m from the base.
-        obstacle_kind: ``"waypoints"``, ``"passes"`` or ``"wander"``, for every disc.
-        obstacle_speed: of every disc, m/s.
-        obstacle_radius: of every disc, m.
-        obstacle_paths: for each disc the points, m from the base, between which it moves at constant speed; it stays
-            at the last.
-    """
-
-    scenario: Literal["random", "paper"] = "random"
-    start: Pair | None = None
-    goal: Pair | None = None
-    obstacle_kind: Kind | None = None
-    obstacle_speed: float | None = Field(None, gt=0.0, le=5.0)
-    obstacle_radius: float | None = Field(None, gt=0.0, le=0.3)
-    obstacle_paths: tuple[tuple[Pair, ...], ...] | None = None
-
-
-PAPER_SCENARIO: dict[str, Any] = {
-    "start": (-0.5, 1.0),
-    "goal": (-0.2, 0.8),
-    "obstacle_speed": 0.6,
-    "obstacle_paths": (((0.9, 0.75), (-1.2, 0.15)),),
-}
-"""A disc that crosses the way of the hand. The paper draws one such episode and gives no numbers."""
-
-
-class Episode(NamedTuple):
-    """What an episode begins with.
-
-    Attributes:
-        start: joint angles, ``(2,)``, rad.
-        goal: of the hand, ``(2,)``, m from the base.
-        radius: of the discs, m.
-        path: of the discs, ``(samples, discs, 2)``, m from the base.
-    """
-
-    start: Array
-    goal: Array
-    radius: float
-    path: Array
-
-
-OBSTACLE_RADIUS = 0.10
-"""Of a disc, m."""
 
 
 def layout(discs: int) -> Layout:
@@ -158,7 +88,7 @@ class ObstacleDodge(Task):
         self._copy_settings("limit_tolerance", "limit_penalty")
         acceleration = 0.5 * np.array(self.arm.limits.acceleration)
         self._planning_limits = replace(self.arm.limits, acceleration=tuple(acceleration.tolist()))
-        self._half_ranges = np.array(self.arm.limits.angle)
+        self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)
 
     @classmethod
     def make(cls, config: Mapping[str, Any], n_lanes: int) -> ObstacleDodge:
@@ -175,7 +105,7 @@ class ObstacleDodge(Task):
         if chosen.scenario == "paper":
             given = chosen.model_dump(exclude={"scenario"}, exclude_none=True)
             chosen = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
-        episodes = [self._draw(generator, chosen) for generator in generators]
+        episodes = [self._starts.draw(generator, chosen) for generator in generators]
         for lane, episode in zip(lanes, episodes, strict=True):
             record = self.lanes[lane]
             record["q"], record["goal"] = episode.start, episode.goal + self.arm.base_array
@@ -261,71 +191,6 @@ class ObstacleDodge(Task):
             limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration")),
             settled=bool(record["success"]),
         )
-
-    def _draw(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> Episode:
-        """An episode drawn or given, and one that is not lost from the start."""
-        start, end = self._draw_move(generator, options)
-        radius = OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
-        move = straight_move(self.arm, self._planning_limits, start, end)
-        samples, discs = self.lanes["path"].shape[1:3]
-        path = np.empty((samples, discs, 2))
-        given = options.obstacle_paths
-        if given is not None and len(given) != discs:
-            raise ValueError(f"obstacle_paths holds {len(given)} paths for {discs} discs; give one a disc")
-        for disc in range(discs):
-            kind = KINDS.index(options.obstacle_kind) if options.obstacle_kind else int(generator.integers(len(KINDS)))
-            if given is None:
-                speed = math.nan if options.obstacle_speed is None else options.obstacle_speed
-                one = np.empty((samples, 2))
-                draw_path(generator, kind, speed, radius, move, one)
-                path[:, disc] = one
-            else:
-                path[:, disc] = follow_points(np.array(given[disc]), options.obstacle_speed or 0.5 * FASTEST, samples)
-        self._require_clear(start, path[0], radius)
-        return Episode(start, move.goal, radius, path)
-
-    def _draw_move(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> tuple[Array, Array]:
-        """The posture at the start, and one with the hand at the goal, on the same side of the elbow if there is one.
-
-        Raises:
-            ValueError: if a given start or goal is out of the arm's reach or ranges.
-        """
-        if options.start is not None:
-            self._require_in_range(options.start)
-        while True:
-            start = self._draw_posture(generator) if options.start is None else np.array(options.start)
-            if options.goal is not None:
-                return start, self._posture_at(options.goal, start)
-            end = self._draw_posture(generator)
-            end[1] = math.copysign(end[1], start[1])
-            if np.hypot(*(self.arm.forward_kinematics(end) - self.arm.forward_kinematics(start))) >= LEAST_DISTANCE:
-                return start, end
-
-    def _draw_posture(self, generator: np.random.Generator) -> Array:
-        while True:
-            q = generator.uniform(-self._half_ranges, self._half_ranges)
-            if abs(q[1]) >= LEAST_ELBOW:
-                return q
-
-    def _posture_at(self, goal: Pair, start: Array) -> Array:
-        """The posture with the hand at a goal: on the start's side of the elbow, if the ranges allow it."""
-        branches = self.arm.inverse_kinematics(np.array(goal) + self.arm.base_array)
-        allowed = [q for q in branches if (np.abs(q) <= self._half_ranges).all()]
-        if not allowed:
-            raise ValueError(f"goal {goal} m: every posture with the hand there leaves a joint's range")
-        return min(allowed, key=lambda q: float(q[1] * start[1] < 0.0))
-
-    def _require_in_range(self, start: Pair) -> None:
-        if not (np.abs(start) <= self._half_ranges).all():
-            ranges = ", ".join(f"{limit:.4g}" for limit in self._half_ranges)
-            raise ValueError(f"start {list(start)} rad leaves the joint ranges, +-({ranges}) rad")
-
-    def _require_clear(self, start: Array, discs: NDArray[np.float64], radius: float) -> None:
-        for disc in discs:
-            gap = self.arm.clearance(start, disc + self.arm.base_array, radius)
-            if gap <= 0.0:
-                x, y = disc
-                raise ValueError(f"the disc at ({x:.4g}, {y:.4g}) m touches the arm at the start; begin further away")
 
 
 class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)

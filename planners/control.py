@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,3 +147,17 @@ def _mean_acceleration(
     forward_dynamics_lane(coupling, weight, q + half * (qd + half * k1), qd + half * k2, tau, k3)
     forward_dynamics_lane(coupling, weight, q + period * (qd + half * k2), qd + period * k3, tau, k4)
     mean[:] = (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+
+
+@njit(cache=True, nogil=True)
+def share_within(still: float, wanted: float, limit: float) -> float:
+    """How far one may go from the torque without acceleration to the wanted one; 0 where even that is too much.
+
+    Args:
+        still, wanted: torques of one joint, N m.
+        limit: of its absolute value, N m.
+    """
+    if abs(wanted) <= limit:
+        return 1.0
+    limit = math.copysign(limit, wanted)
+    return max(0.0, (limit - still) / (wanted - still)) if wanted != still else 0.0

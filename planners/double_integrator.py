@@ -20,7 +20,13 @@ BISECTIONS = 48
 
 @njit(cache=True, nogil=True)
 def rest_time(distance: float, v: float, top: float, a: float) -> float:
-    """Least time from velocity ``v`` to rest ``distance`` away, never faster than ``top``, with acceleration ``a``."""
+    """Least time to rest, s.
+
+    Args:
+        distance: signed, to where the joint comes to rest, rad.
+        v: velocity at the start, rad/s.
+        top, a: largest velocity and acceleration, rad/s and rad/s^2.
+    """
     peak = _peak(distance, v, top, a)
     if peak == 0.0:
         return abs(v) / a
@@ -29,7 +35,13 @@ def rest_time(distance: float, v: float, top: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def entry_time(q: float, v: float, low: float, high: float, top: float, a: float) -> float:
-    """Least time after which a joint can be in ``[low, high]`` for good, without necessarily being at rest."""
+    """Least time, s, after which a joint can be in ``[low, high]`` for good, without necessarily being at rest.
+
+    Args:
+        q, v: angle and velocity at the start, rad and rad/s.
+        low, high: the interval, rad.
+        top, a: largest velocity and acceleration, rad/s and rad/s^2.
+    """
     stop = q + 0.5 * v * abs(v) / a
     if low <= q <= high and low <= stop <= high:
         return 0.0
@@ -72,7 +84,7 @@ def fill_profile(distance: float, v: float, top: float, a: float, duration: floa
 
 @njit(cache=True, nogil=True)
 def along_profile(profile: Array, v: float, a: float, t: float) -> tuple[float, float, float]:
-    """Way gone, rad, velocity and acceleration at a time of a motion that began with velocity ``v``."""
+    """Way gone, rad, velocity and acceleration at time ``t``, s, of a motion that began with velocity ``v``, rad/s."""
     rise, cruise, brake, speed = profile
     if t < rise:
         acceleration = math.copysign(a, speed - v)

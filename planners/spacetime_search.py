@@ -43,12 +43,12 @@ States = NDArray[np.int16]
 
 
 class Lattice(NamedTuple):
-    """Joint states that steps of constant acceleration lead to.
+    """The joint states that steps of constant acceleration lead to.
 
     Attributes:
         start: joint angles, ``(2,)``, rad.
-        speed: velocities that one step of acceleration adds, ``(2,)``, rad/s.
-        samples: of the discs' paths in a step.
+        speed: velocity that one step of full acceleration adds to each joint, ``(2,)``, rad/s.
+        samples: number of samples of the discs' paths in a step.
         dt: time a step takes, s.
     """
 

@@ -24,9 +24,9 @@ class World(NamedTuple):
     """The arm, what it may do, and the discs.
 
     Attributes:
-        lengths, base, link_radius: of the arm.
+        lengths, base, link_radius: of the arm, m.
         coupling, weight: see :mod:`planners.dynamics`.
-        torque, velocity, acceleration, angle: limits of the joints, each ``(2,)``.
+        torque, velocity, acceleration, angle: limits of the joints, each ``(2,)``, N m, rad/s, rad/s^2 and rad.
         path: centres of the discs, ``(samples, k, 2)``, m.
         radii: ``(k,)``, m.
         pace: speed of the fastest disc, m/s.
@@ -82,7 +82,7 @@ def next_window(world: World, goal: Goal, t: float) -> float:
 
 @njit(cache=True, nogil=True)
 def least_entry(world: World, goal: Goal, q: Array, qd: Array) -> float:
-    """A time, s, that any motion needs from here until the hand is in the tolerance for good."""
+    """A lower bound of the time, s, from here until the hand is in the tolerance for good."""
     least = np.inf
     for branch in range(goal.boxes.shape[0]):
         longest = 0.0

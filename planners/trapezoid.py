@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from planners.lagrange.goals import goal_postures
+from planners.goals import goal_postures
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
 from planners.typing import Array
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from planners.apf.dodge_gains import DodgeGains, tuned_gains
 from planners.apf.proposals import choose_well
 from planners.apf.safety import STATE, Scene, keep_limits, make_sight
-from planners.apf.whole_arm import attraction, forecast, goal_postures, make_body, notice_discs, time_to
+from planners.apf.whole_arm import forecast, goal_postures, joint_attraction, make_body, notice_discs, time_to
 from planners.arm import Arm
 from planners.typing import Array
 
@@ -148,7 +148,7 @@ def _dodge_lanes(
         record.begun = True
         for i in range(2):
             error, strength = record.well[i] - q[lane, i], record.share * body.hardest[i]
-            qdd[lane, i] = attraction(error, qd[lane, i], strength, body.top[i], 1.0 / period)
+            qdd[lane, i] = joint_attraction(error, qd[lane, i], strength, body.top[i], 1.0 / period)
         keep_limits(body, q[lane], qd[lane], period, qdd[lane])
 
 

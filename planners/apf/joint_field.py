@@ -23,7 +23,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from planners.arm import Arm
-from planners.control import held_torque_lane
+from planners.control import held_torque_lane, share_within
 from planners.dynamics import inverse_dynamics_lane
 from planners.typing import Array
 
@@ -145,10 +145,7 @@ def _fit_torque(coupling: Array, weight: Array, torque: Array, q: Array, qd: Arr
         held_torque_lane(coupling, weight, q, qd, qdd, period, wanted)
         share = 1.0
         for i in range(n):
-            limit = TORQUE_SHARE * torque[i]
-            if abs(wanted[i]) > limit:
-                room = math.copysign(limit, wanted[i]) - still[i]
-                share = min(share, max(0.0, room / (wanted[i] - still[i])))
+            share = min(share, share_within(still[i], wanted[i], TORQUE_SHARE * torque[i]))
         if share == 1.0:
             return
         for i in range(n):

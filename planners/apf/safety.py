@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.apf.whole_arm import attraction, gap, held_torques, time_to
+from planners.apf.whole_arm import gap, held_torques, joint_attraction, time_to
+from planners.control import share_within
 from planners.typing import Array
 
 STEP = 0.05
@@ -145,8 +146,8 @@ def look_ahead(scene: Scene, proposal: Proposal, enough: float) -> Outlook:
         if step == proposal.steps:
             well1, well2 = state.postures[proposal.elbow, 0], state.postures[proposal.elbow, 1]
             strength1, strength2 = body.cruise[0], body.cruise[1]
-        a1 = attraction(well1 - q1, v1, strength1, top1, RATE)
-        a2 = attraction(well2 - q2, v2, strength2, top2, RATE)
+        a1 = joint_attraction(well1 - q1, v1, strength1, top1, RATE)
+        a2 = joint_attraction(well2 - q2, v2, strength2, top2, RATE)
         turn1, turn2 = STEP * (v1 + 0.5 * STEP * a1), STEP * (v2 + 0.5 * STEP * a2)
         q1, q2, v1, v2 = q1 + turn1, q2 + turn2, v1 + STEP * a1, v2 + STEP * a2
         c1, s1 = _turned(c1, s1, turn1)
@@ -210,7 +211,8 @@ def _cornered(body: Any, gains: Any, q1: float, side: float, away: float) -> flo
     A disc this close to the base cannot be passed: it can only be run from, as far as the joint's range goes.
 
     Args:
-        body, gains: as ever.
+        body: a record of `whole_arm.BODY`.
+        gains: a record of `DodgeGains`.
         q1: angle of the first joint, rad.
         side: positive where the disc is on the side of smaller angles.
         away: distance of the disc from the base, m.
@@ -255,15 +257,6 @@ def _keep_torque(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> N
     if abs(tau1) <= limit1 and abs(tau2) <= limit2:
         return
     still1, still2 = held_torques(body, q, qd, 0.0, 0.0, period)
-    scale = min(_share_within(still1, tau1, limit1), _share_within(still2, tau2, limit2))
+    scale = min(share_within(still1, tau1, limit1), share_within(still2, tau2, limit2))
     qdd[0] *= scale
     qdd[1] *= scale
-
-
-@njit(cache=True, nogil=True)
-def _share_within(still: float, wanted: float, limit: float) -> float:
-    """How far one may go from the torque without acceleration to the wanted one; 0 where even that is too much."""
-    if abs(wanted) <= limit:
-        return 1.0
-    limit = math.copysign(limit, wanted)
-    return max(0.0, (limit - still) / (wanted - still)) if wanted != still else 0.0

@@ -76,7 +76,7 @@ def clip(value: float, low: float, high: float) -> float:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def attraction(error: float, v: float, strength: float, top: float, rate: float) -> float:
+def joint_attraction(error: float, v: float, strength: float, top: float, rate: float) -> float:
     """Acceleration of one joint in a conic well ``error`` away, braked in time; ``rate``: periods per second."""
     distance = abs(error)
     braked, approach = math.sqrt(2.0 * BRAKING_SHARE * strength * distance), APPROACH * rate * distance

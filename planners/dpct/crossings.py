@@ -75,7 +75,7 @@ class Scene(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def posture(line: Line, r: float, t: float, q: Array) -> None:
-    """Joint angles at place ``r`` and time ``t``, written to ``q``."""
+    """Joint angles at place ``r``, rad, and time ``t``, s, written to ``q``, ``(n,)``."""
     left = max(0.0, line.shed - t)
     offset = 0.5 * left * left / line.shed if left > 0.0 else 0.0
     for i in range(q.shape[0]):

@@ -24,7 +24,7 @@ from planners.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
 from planners.dpct.crossings import Line, Scene, first_contact
 from planners.dpct.timing_line import line_to
 from planners.dpct.timing_search import STAGE, best_timing, time_from_rest
-from planners.lagrange.goals import goal_postures
+from planners.goals import goal_postures
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
 from planners.typing import Array
 
@@ -117,7 +117,7 @@ def _scene(problem: MotionProblem, margin: float, prediction: float) -> Scene:
 
 @lru_cache(maxsize=8)
 def _asides(n: int) -> Array:
-    """Directions aside: of each joint alone, and of neighbouring joints together and against each other."""
+    """Directions aside, ``(directions, n)``: each joint alone, neighbouring joints together and against each other."""
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[i + 1] for i in range(n - 1) for sign in (1.0, -1.0)]
     return np.array([*axes, *pairs])

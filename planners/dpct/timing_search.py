@@ -223,7 +223,7 @@ def _best_end(line: Line, lattice: Lattice, value: Array, goals: Array, limits: 
 
 @njit(cache=True, nogil=True)
 def time_from_rest(q: Array, goals: Array, limits: Array) -> float:
-    """Least time from rest at ``q`` to rest at the closest of the goals."""
+    """Least time, s, from rest at ``q``, ``(n,)``, to rest at the closest of the goals, ``(goals, n)``, rad."""
     least = np.inf
     for goal in range(goals.shape[0]):
         slowest = 0.0

@@ -17,7 +17,7 @@ from typing import get_args
 import numpy as np
 
 from planners.dpct.sampling import Motion, sample_ride, to_trajectory
-from planners.lagrange.goals import Elbow, goal_postures
+from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective
 from planners.lagrange.polish import polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to

@@ -14,8 +14,8 @@ import numpy as np
 
 from planners.dpct.feasibility import Window, joint_motion, ride_windows
 from planners.dpct.line import Line, reduce_to_line
+from planners.goals import ORIENTATIONS, Elbow, on_branch
 from planners.kinematics import UnreachableTarget, wrap
-from planners.lagrange.goals import ORIENTATIONS, Elbow, on_branch
 from planners.lagrange.joint_move import JointMove
 from planners.lagrange.search import reaches
 from planners.lagrange.transcription import Ends

@@ -16,20 +16,11 @@ from itertools import product
 
 import numpy as np
 from numba import njit
-from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.double_integrator import rest_time
-from planners.lagrange.goals import Elbow, goal_postures
-from planners.lagrange.via_search import (
-    CONTACT,
-    DEGREE,
-    SHARE,
-    Ends,
-    Situation,
-    Taste,
-    interpolate,
-    search,
-)
+from planners.goals import Elbow, goal_postures
+from planners.lagrange.via_curve import DEGREE, interpolate, sample_derivative
+from planners.lagrange.via_search import CONTACT, SHARE, CostModel, Ends, Situation, search
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
 from planners.typing import Array
 
@@ -88,16 +79,16 @@ def plan_via(
         raise ValueError('variant "via" needs a target that does not move; variant "optimal" meets a moving one')
     options = {"margin": margin, "trusted": trusted, "keep_out": keep_out, "hold": hold}
     _require_sensible(problem, options)
-    taste = Taste(margin, trusted, keep_out, hold)
+    model = CostModel(margin, trusted, keep_out, hold)
     situation = _situation(problem)
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
     goals = np.array(goal_postures(problem, problem.target, elbow))
-    ends = list_ends(situation, taste, goals, offsets, len(patterns))
+    ends = list_ends(situation, model, goals, offsets, len(patterns))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
         raise _late(problem, soonest)
     via = np.zeros((2, problem.arm.n_joints))
-    found = search(situation, taste, ends, patterns, via)
+    found = search(situation, model, ends, patterns, via)
     if found.end < 0:
         raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
     if found.end >= len(goals) and not problem.obstacles:  # there is nothing to wait for
@@ -175,7 +166,7 @@ def _sides(n_joints: int) -> list[Array]:
 
 
 @njit(cache=True, nogil=True)
-def list_ends(situation: Situation, taste: Taste, goals: Array, offsets: Array, patterns: int) -> Ends:
+def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Array, patterns: int) -> Ends:
     """Goals ``(goals, n)``, with every pattern, and postures to wait in: where the arm can stop, and off it.
 
     The latter by ``offsets``, ``(offsets, n)``. Waiting postures outside of the joint ranges are left out. They are
@@ -184,12 +175,12 @@ def list_ends(situation: Situation, taste: Taste, goals: Array, offsets: Array, 
     n, still = situation.q.shape[0], np.zeros_like(situation.q)
     most, count = goals.shape[0] + offsets.shape[0], goals.shape[0]
     q, soonest = np.empty((most, n)), np.empty(most)
-    due, hold, tried = np.zeros(most), np.full(most, taste.hold), np.full(most, patterns)
+    due, hold, tried = np.zeros(most), np.full(most, model.hold), np.full(most, patterns)
     for g in range(count):
         q[g], soonest[g] = goals[g], max(SHORTEST, _least_time(situation, situation.q, situation.qd, goals[g]))
     waiting = 0.0
     for disc in situation.discs:
-        waiting = max(waiting, taste.clearing / max(math.hypot(disc[2], disc[3]), SLOWEST))
+        waiting = max(waiting, model.clearing / max(math.hypot(disc[2], disc[3]), SLOWEST))
     braking = SHORTEST
     for i in range(n):
         braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
@@ -201,7 +192,7 @@ def list_ends(situation: Situation, taste: Taste, goals: Array, offsets: Array, 
         soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, posture))
         due[count] = np.inf
         for goal in goals:
-            due[count] = min(due[count], waiting + taste.detour * _least_time(situation, posture, still, goal))
+            due[count] = min(due[count], waiting + model.detour * _least_time(situation, posture, still, goal))
         count += 1
     return Ends(q[:count], due[:count], hold[:count], soonest[:count], tried[:count])
 
@@ -219,7 +210,7 @@ def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
 def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, *, waits: bool) -> Trajectory:
     """Sample an interpolant."""
     t = np.linspace(0.0, duration, max(2, math.ceil(duration / SAMPLE_STEP)) + 1)
-    q, qd, qdd = (_derivative(c, order, t / duration) / duration**order for order in range(3))
+    q, qd, qdd = (sample_derivative(c, order, t / duration) / duration**order for order in range(3))
     tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
     return Trajectory(
         t=t,
@@ -232,8 +223,3 @@ def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, 
         rendezvous_time=math.inf if waits else duration,
         planner="lagrange (via)",
     )
-
-
-def _derivative(c: Array, order: int, s: Array) -> Array:
-    """A derivative of polynomials with coefficients ``(n, 6)`` at ``s``, ``(samples, n)``."""
-    return np.asarray(polyval(s, polyder(c.T, order)).T, dtype=np.float64)

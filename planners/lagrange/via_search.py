@@ -1,8 +1,6 @@
 """The compiled search of the dodging planner: candidates of a motion past discs, rated, and the best refined.
 
-A candidate is a polynomial of degree 5 in time, the Lagrange interpolant on six Chebyshev-Lobatto nodes: the end nodes
-hold the start and the end, their neighbours are what the velocities of the ends make them, and the two in the middle,
-the via-nodes, are free. They are counted from the cubic with the same ends.
+A candidate is a curve of :mod:`planners.lagrange.via_curve`, with its end, its via-nodes and its duration.
 """
 
 from __future__ import annotations
@@ -15,12 +13,8 @@ from numba import njit
 
 from planners.clearance import clearance_lane
 from planners.dynamics import inverse_dynamics_lane
-from planners.lagrange.interpolation import lobatto_nodes
+from planners.lagrange.via_curve import DEGREE, angle_at, derivative, interpolate
 from planners.typing import Array
-
-DEGREE = 5
-VIA_TIMES = lobatto_nodes(DEGREE)[2:4]
-"""When the via-nodes are passed, as shares of the duration."""
 
 DURATIONS, STRETCH, FINER = 6, 1.25, 4
 """How many durations are tried for each end and pattern, the factor from one to the next, and how many times as many,
@@ -51,29 +45,15 @@ INTRUSION = 100.0
 """Cost of having no clearance left, s per s; less in proportion to the share of the margin that is kept."""
 
 
-def _coefficients_from_nodes() -> Array:
-    """Turns angle and rate at 0, angle and rate at 1, and the via-nodes into coefficients by rising power."""
-    power = np.arange(DEGREE + 1)
-    angles = [s**power for s in (0.0, 1.0, *VIA_TIMES)]
-    rates = [power * s ** np.maximum(power - 1, 0) for s in (0.0, 1.0)]
-    inverse: Array = np.linalg.inv(np.array([angles[0], rates[0], angles[1], rates[1], *angles[2:]]))
-    return inverse
-
-
-_COEFFICIENTS = _coefficients_from_nodes()
-_CUBIC = np.array([[(1 - s) ** 2 * (1 + 2 * s), s * (1 - s) ** 2, s**2 * (3 - 2 * s)] for s in VIA_TIMES])
-"""The cubic's angles at the via-nodes, from angle and rate at 0 and the angle at 1."""
-
-
 class Situation(NamedTuple):
-    """What is to be done, in arrays.
+    """The arm, its limits and its state, and the discs, as arrays.
 
     Attributes:
         lengths, base, link_radius: of the arm, m.
         coupling, weight: of its dynamics; see `planners.dynamics`.
-        torque, velocity, acceleration, jerk, angle: limits, ``(n,)``.
-        q, qd: start, ``(n,)``.
-        discs: position, velocity and radius, ``(discs, 5)``.
+        torque, velocity, acceleration, jerk, angle: limits, ``(n,)``, N m, rad/s, rad/s^2, rad/s^3 and rad.
+        q, qd: start, ``(n,)``, rad and rad/s.
+        discs: position, velocity and radius, ``(discs, 5)``, m and m/s.
         horizon: longest duration, s.
     """
 
@@ -93,8 +73,8 @@ class Situation(NamedTuple):
     horizon: float
 
 
-class Taste(NamedTuple):
-    """What makes a motion good; costs are in seconds. Chosen on simulated episodes of discs that cross an arm's way.
+class CostModel(NamedTuple):
+    """What a motion costs, in seconds. The defaults were chosen on simulated episodes of discs that cross an arm's way.
 
     Attributes:
         margin: clearance that is to be kept now, m.
@@ -158,12 +138,12 @@ class Found(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def search(situation: Situation, taste: Taste, ends: Ends, patterns: Array, via: Array) -> Found:
+def search(situation: Situation, model: CostModel, ends: Ends, patterns: Array, via: Array) -> Found:
     """Try every end with every pattern of via-nodes in several durations, and refine the best.
 
     Args:
-        situation: what is to be done.
-        taste: what makes a motion good.
+        situation: the arm and the discs.
+        model: what a motion costs.
         ends: where to come to rest.
         patterns: displacements of the via-nodes, ``(patterns, 2, n)``, rad.
         via: those of the best candidate, filled in, ``(2, n)``.
@@ -180,22 +160,22 @@ def search(situation: Situation, taste: Taste, ends: Ends, patterns: Array, via:
                 tried[1] = patterns[p, 1] + pace * (ends.q[e] - situation.q)
                 duration = ends.soonest[e]
                 for _ in range(DURATIONS * (FINER if straight else 1)):
-                    cost = rate(situation, taste, ends, e, tried, duration, best.cost, scratch)
+                    cost = rate(situation, model, ends, e, tried, duration, best.cost, scratch)
                     if cost < best.cost:
                         best = Found(cost, e, duration)
                         via[:] = tried
                     duration *= STRETCH ** (1.0 / FINER) if straight else STRETCH
-    return _refine(situation, taste, ends, via, best, scratch) if best.end >= 0 else best
+    return _refine(situation, model, ends, via, best, scratch) if best.end >= 0 else best
 
 
 @njit(cache=True, nogil=True)
-def _refine(situation: Situation, taste: Taste, ends: Ends, via: Array, best: Found, scratch: Scratch) -> Found:
+def _refine(situation: Situation, model: CostModel, ends: Ends, via: Array, best: Found, scratch: Scratch) -> Found:
     """Coordinate search with shrinking strides over via-nodes and duration."""
     cost, e, duration = best
     stride = STRIDE
     for _ in range(ROUNDS):
         for other in (duration * math.exp(-0.5 * stride), duration * math.exp(0.5 * stride)):
-            tried = rate(situation, taste, ends, e, via, other, cost, scratch)
+            tried = rate(situation, model, ends, e, via, other, cost, scratch)
             if tried < cost:
                 cost, duration = tried, other
                 break
@@ -204,7 +184,7 @@ def _refine(situation: Situation, taste: Taste, ends: Ends, via: Array, best: Fo
                 middle = via[node, i]
                 for there in (middle - stride, middle + stride):
                     via[node, i] = there
-                    tried = rate(situation, taste, ends, e, via, duration, cost, scratch)
+                    tried = rate(situation, model, ends, e, via, duration, cost, scratch)
                     if tried < cost:
                         cost, middle = tried, there
                         break
@@ -215,7 +195,14 @@ def _refine(situation: Situation, taste: Taste, ends: Ends, via: Array, best: Fo
 
 @njit(cache=True, nogil=True)
 def rate(
-    situation: Situation, taste: Taste, ends: Ends, e: int, via: Array, duration: float, best: float, scratch: Scratch
+    situation: Situation,
+    model: CostModel,
+    ends: Ends,
+    e: int,
+    via: Array,
+    duration: float,
+    best: float,
+    scratch: Scratch,
 ) -> float:
     """Cost of a candidate, s; infinite if it breaks a limit or is not below ``best``."""
     cost = duration + ends.due[e]
@@ -224,42 +211,10 @@ def rate(
     interpolate(situation.q, situation.qd, ends.q[e], via, duration, scratch.c)
     if not _keeps_limits(situation, scratch.c, duration):
         return np.inf
-    cost += _danger(situation, taste, scratch, duration, duration + ends.hold[e], best - cost)
+    cost += _danger(situation, model, scratch, duration, duration + ends.hold[e], best - cost)
     if cost >= best:
         return np.inf
-    return float(cost + taste.effort * duration * _load(situation, scratch, duration))
-
-
-@njit(cache=True, nogil=True)
-def interpolate(q: Array, qd: Array, end: Array, via: Array, duration: float, c: Array) -> None:
-    """The interpolant in ``s = t / duration``.
-
-    Args:
-        q, qd: start, ``(n,)``.
-        end: where it comes to rest, ``(n,)``, rad.
-        via: how far the via-nodes are off the cubic with the same ends, ``(2, n)``, rad.
-        duration: s.
-        c: coefficients by rising power, filled in, ``(n, 6)``.
-    """
-    for i in range(q.shape[0]):
-        r = qd[i] * duration
-        first = via[0, i] + _CUBIC[0, 0] * q[i] + _CUBIC[0, 1] * r + _CUBIC[0, 2] * end[i]
-        second = via[1, i] + _CUBIC[1, 0] * q[i] + _CUBIC[1, 1] * r + _CUBIC[1, 2] * end[i]
-        for k in range(DEGREE + 1):
-            row = _COEFFICIENTS[k]
-            c[i, k] = row[0] * q[i] + row[1] * r + row[2] * end[i] + row[4] * first + row[5] * second
-
-
-@njit(cache=True, nogil=True)
-def derivative(c: Array, order: int, s: float) -> float:
-    """A derivative of the polynomial with coefficients ``c``, ``(6,)``, at ``s``."""
-    value = 0.0
-    for k in range(DEGREE, order - 1, -1):
-        factor = 1.0
-        for j in range(order):
-            factor *= k - j
-        value = value * s + factor * c[k]
-    return value
+    return float(cost + model.effort * duration * _load(situation, scratch, duration))
 
 
 @njit(cache=True, nogil=True)
@@ -278,36 +233,33 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
                 return False
             if abs(6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) > harsh:
                 return False
-            if abs(_angle(c[i], s)) > far:
+            if abs(angle_at(c[i], s)) > far:
                 return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def _angle(c: Array, s: float) -> float:
-    return float(c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5])))))
-
-
-@njit(cache=True, nogil=True)
-def _danger(situation: Situation, taste: Taste, scratch: Scratch, duration: float, until: float, best: float) -> float:
+def _danger(
+    situation: Situation, model: CostModel, scratch: Scratch, duration: float, until: float, best: float
+) -> float:
     """Cost of coming close to discs until some time, as far as their prediction is trusted; at least up to ``best``."""
-    last = min(until, taste.trusted)
+    last = min(until, model.trusted)
     # Where one candidate touches a disc, the next often does too: look there first.
     hit = float(scratch.hit[0])
-    touching = CONTACT * (1.0 + taste.trusted - hit)
-    if hit <= last and touching >= best and _gap(situation, taste, scratch, duration, hit) < TOUCHING:
+    touching = CONTACT * (1.0 + model.trusted - hit)
+    if hit <= last and touching >= best and _gap(situation, model, scratch, duration, hit) < TOUCHING:
         return touching
     cost = t = 0.0
     while cost < best:
-        gap = _gap(situation, taste, scratch, duration, t)
+        gap = _gap(situation, model, scratch, duration, t)
         if gap < TOUCHING:
             scratch.hit[0] = t
-            return CONTACT * (1.0 + taste.trusted - t)
+            return CONTACT * (1.0 + model.trusted - t)
         step = min(LONG_STEP, max(SHORT_STEP, gap / CLOSING_SPEED))
-        margin = taste.margin + taste.growth * t
-        trust = 1.0 - t / (taste.trusted + LONG_STEP)
+        margin = model.margin + model.growth * t
+        trust = 1.0 - t / (model.trusted + LONG_STEP)
         cost += step * trust * INTRUSION * max(0.0, 1.0 - gap / margin)
-        cost += step * trust * taste.closeness * max(0.0, 1.0 - gap / taste.comfort) ** 2
+        cost += step * trust * model.closeness * max(0.0, 1.0 - gap / model.comfort) ** 2
         if t >= last:
             break
         t = min(t + step, last)
@@ -315,12 +267,12 @@ def _danger(situation: Situation, taste: Taste, scratch: Scratch, duration: floa
 
 
 @njit(cache=True, nogil=True)
-def _gap(situation: Situation, taste: Taste, scratch: Scratch, duration: float, t: float) -> float:
+def _gap(situation: Situation, model: CostModel, scratch: Scratch, duration: float, t: float) -> float:
     """Clearance at time ``t``, s, also after the end, m."""
     s = min(1.0, t / duration)
     for i in range(scratch.q.shape[0]):
-        scratch.q[i] = _angle(scratch.c[i], s)
-    return float(clearance_at(situation, taste.keep_out, scratch.q, t))
+        scratch.q[i] = angle_at(scratch.c[i], s)
+    return float(clearance_at(situation, model.keep_out, scratch.q, t))
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents import benchmark
+from agents import benchmark, dodge_bound
 from agents.benchmark import BenchmarkOptions, run
 from planners import dpct
 
@@ -45,6 +45,8 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     ] * 5
     drawn, paper, move, _, dodge = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
+    assert dodge["bound"]["time_to_goal"] == dodge_bound.stored_bound([7, 8]).tolist()
+    assert 0.0 <= dodge["policies"][0]["summary"]["collision"]["value"] <= 1.0
     dpct_episodes, random_episodes = (policy["episodes"] for policy in drawn["policies"])
     assert dpct_episodes["seed"] == random_episodes["seed"] == [7, 8, 9]
     assert random_episodes["settling_time"] == [None] * 3

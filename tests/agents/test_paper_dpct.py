@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 from pathlib import Path
 from typing import Any
@@ -87,15 +86,8 @@ def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes, monkeypatch:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_plot_without_matplotlib_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    real_import = builtins.__import__
-
-    def no_matplotlib(name: str, *args: Any) -> Any:
-        if name.startswith("matplotlib"):
-            raise ModuleNotFoundError(name)
-        return real_import(name, *args)
-
-    monkeypatch.setattr(builtins, "__import__", no_matplotlib)
+@pytest.mark.usefixtures("without_matplotlib")
+def test_plot_without_matplotlib_says_what_to_install() -> None:
     with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
         figure("png", 20)
 

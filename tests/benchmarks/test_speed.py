@@ -8,8 +8,10 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -19,9 +21,12 @@ from numba import njit
 from pytest_benchmark.fixture import BenchmarkFixture
 
 import envs  # noqa: F401  (registers the ids)
-from envs import chipmunk
+from envs import chipmunk, make_expert
+from planners.apf import dodge_accelerations, tuned_gains
+from planners.typing import Array
 
 LANES, SUBSTEPS, PERIODS = 256, 10, 100
+MID_EPISODE, DODGE_PERIODS = 50, 20
 space_step = chipmunk.space_step
 
 
@@ -50,6 +55,65 @@ def batch_steps() -> Callable[[], None]:
     def run() -> None:
         for _ in range(PERIODS):
             vector.step(actions)
+
+    return run
+
+
+@dataclass(frozen=True)
+class DodgeEpisode:
+    """A batch in the middle of its episodes, as its expert sees it and what that remembers."""
+
+    vector: Any
+    task: Any
+    seen: dict[str, Array]
+    memory: Any
+
+
+@pytest.fixture
+def dodge_episode() -> Iterator[DodgeEpisode]:
+    with closing(gym.make_vec("ObstacleDodge-v0", num_envs=LANES)) as vector:
+        task = vector.unwrapped.task  # type: ignore[attr-defined]
+        expert = make_expert("apf", vector)
+        observations, _ = vector.reset(seed=0)
+        memory = None
+        for _ in range(MID_EPISODE):
+            actions, memory = expert.predict(observations, memory)
+            observations, *_ = vector.step(actions)
+        yield DodgeEpisode(vector, task, task.layout.parse(observations), memory)
+
+
+def dodging_field(episode: DodgeEpisode) -> Callable[[], None]:
+    """An action of the field for every lane, again and again: half of the times it decides, as in control."""
+    task, seen, memory = episode.task, episode.seen, episode.memory.copy()
+    base, gains = task.arm.base_array, tuned_gains()
+    places = seen["obstacle"].reshape(LANES, -1, 2) + base
+    rates = seen["obstacle_velocity"].reshape(places.shape)
+
+    def run() -> None:
+        for _ in range(DODGE_PERIODS):
+            dodge_accelerations(
+                task.arm,
+                gains,
+                seen["joint_position"],
+                seen["joint_velocity"],
+                seen["goal"] + base,
+                places,
+                rates,
+                seen["obstacle_radius"],
+                memory,
+                task.config.control_period,
+            )
+
+    return run
+
+
+def dodging_steps(episode: DodgeEpisode) -> Callable[[], None]:
+    """Control steps of the same batch, automatic resets included."""
+    actions = np.zeros((LANES, 2), dtype=np.float32)
+
+    def run() -> None:
+        for _ in range(DODGE_PERIODS):
+            episode.vector.step(actions)
 
     return run
 
@@ -86,6 +150,17 @@ def test_single_step(benchmark: BenchmarkFixture, env_id: str) -> None:
 @pytest.mark.parametrize("work", [batch_steps, bare_chipmunk])
 def test_batch(benchmark: BenchmarkFixture, work: Callable[[], Callable[[], None]]) -> None:
     benchmark(work())
+
+
+@pytest.mark.benchmark(group=f"the dodging field, {LANES} lanes, {DODGE_PERIODS} control periods")
+@pytest.mark.parametrize("work", [dodging_field, dodging_steps])
+def test_dodging(
+    benchmark: BenchmarkFixture, dodge_episode: DodgeEpisode, work: Callable[[DodgeEpisode], Callable[[], None]]
+) -> None:
+    benchmark(work(dodge_episode))
+    if benchmark.stats is not None:  # it is measured
+        actions = DODGE_PERIODS * LANES
+        benchmark.extra_info["us an action"] = round(1e6 * benchmark.stats.stats.min / actions, 2)
 
 
 def fastest(*candidates: Callable[[], None], rounds: int = 15) -> list[float]:
@@ -131,3 +206,11 @@ def test_cold_start() -> None:
     ours, imports = fastest(run(code), run(yardstick), rounds=3)
     print(f"gym.make and reset in a new process {ours:.2f} s; importing the libraries alone {imports:.2f} s")
     assert ours / imports <= 5.0
+
+
+@pytest.mark.usefixtures("measured")
+def test_an_action_of_the_dodging_field_costs_at_most_a_step(dodge_episode: DodgeEpisode) -> None:
+    field, step = fastest(dodging_field(dodge_episode), dodging_steps(dodge_episode))
+    per_action = 1e6 / (DODGE_PERIODS * LANES)
+    print(f"the dodging field {per_action * field:.2f} us an action, a step {per_action * step:.2f} us a lane")
+    assert step / field >= 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -196,3 +197,33 @@ def test_the_papers_scenario_crosses_the_straight_way() -> None:
     np.testing.assert_array_equal(*observations)
     evaluation = agents.evaluate("follower", ENV, [0], options={"scenario": "paper"})
     assert evaluation.metrics["collision"][0]
+
+
+@cache
+def thirty_episodes(name: str) -> agents.Evaluation:
+    """On seeds that are neither the leaderboard's nor those of the tuning."""
+    return agents.evaluate(name, ENV, range(310_000, 310_030))
+
+
+def test_the_field_dodges() -> None:
+    field = agents.evaluate("apf", ENV, range(300_000, 300_400))
+    assert field.success.mean() >= 0.92
+    assert field.metrics["collision"].mean() <= 0.05
+
+
+@pytest.mark.parametrize("name", ["dpct", "lagrange"])
+def test_the_planners_beat_a_straight_move(name: str) -> None:
+    assert thirty_episodes(name).success.mean() >= thirty_episodes("follower").success.mean() + 0.2
+
+
+@pytest.mark.parametrize("name", ["apf", "dpct", "lagrange"])
+def test_the_experts_keep_the_limits_while_they_dodge(name: str) -> None:
+    ratio = thirty_episodes(name).metrics["limit_ratio"]
+    assert ratio.max() <= 1.02
+    assert (ratio <= 1.005).mean() >= 0.95
+
+
+def test_several_discs_are_dodged() -> None:
+    evaluation = agents.evaluate("apf", ENV, range(320_000, 320_060), env_config={"num_obstacles": 2})
+    straight = agents.evaluate("follower", ENV, range(320_000, 320_060), env_config={"num_obstacles": 2})
+    assert evaluation.success.mean() >= straight.success.mean() + 0.2

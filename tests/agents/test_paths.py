@@ -1,0 +1,108 @@
+"""`planarm paths`: the outcomes it prints, the picture it draws, and what it refuses."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import agents
+from agents import cli
+from agents.course import STORIES, run_course
+from agents.evaluation import known_env_ids
+from agents.paths import PathsOptions, run
+
+POLICIES = ("follower", "dpct")
+DODGE = "ObstacleDodge-v0"
+
+
+def test_every_environment_has_a_story() -> None:
+    assert sorted(STORIES) == known_env_ids()
+
+
+@pytest.mark.parametrize(
+    ("env_id", "seed", "key", "decimals", "factor"),
+    [
+        ("ConveyorTrack-v0", 0, "settling_time", 2, 1.0),
+        ("MinTorqueMove-v0", 18, "quintic_ratio", 0, 100.0),
+        (DODGE, 29, "min_clearance", 0, 1000.0),
+    ],
+)
+def test_the_outcomes_are_the_evaluators(
+    capsys: pytest.CaptureFixture[str], env_id: str, seed: int, key: str, decimals: int, factor: float
+) -> None:
+    assert run(PathsOptions(env=env_id, policies=POLICIES, seed=seed)) == 0
+    rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
+    for policy in POLICIES:
+        evaluation = agents.evaluate(policy, env_id, [seed])
+        assert rows[policy].split()[-1] == f"{evaluation.returns[0]:.6g}"
+        if evaluation.success[0]:
+            assert f" {factor * evaluation.metrics[key][0]:.{decimals}f} " in rows[policy]
+
+
+def test_a_course_is_the_episode_step_by_step() -> None:
+    course = run_course(DODGE, "follower", 29, {})
+    evaluation = agents.evaluate("follower", DODGE, [29])
+    assert len(course.t) == evaluation.lengths[0] + 1
+    assert course.joints.shape == (len(course.t), 3, 2)
+    assert course.outcome == f"collided at {course.t[-1]:.2f} s"
+    # The disc touches the arm in the last period only.
+    assert (course.measure[:-1] > 0.0).all()
+    assert 1e3 * evaluation.metrics["min_clearance"][0] <= course.measure[-1] + 1e-9
+
+
+def test_the_torque_over_time_sums_to_what_is_spent() -> None:
+    course = run_course("MinTorqueMove-v0", "dpct", 18, {})
+    spent = course.measure[:-1] @ np.diff(course.t)
+    assert spent == pytest.approx(course.info["torque_l1"], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "policies"), [("ConveyorTrack-v0", ("dpct",)), ("MinTorqueMove-v0", ("dpct",)), (DODGE, POLICIES)]
+)
+def test_the_picture_is_as_wide_as_asked_and_not_empty(tmp_path: Path, env_id: str, policies: tuple[str, ...]) -> None:
+    path = tmp_path / "pictures" / "paths.png"
+    run(PathsOptions(env=env_id, policies=policies, seed=29, plot=path, dpi=60))
+    with Image.open(path) as picture:
+        assert picture.width == 600
+        assert len(np.unique(np.asarray(picture.convert("RGB")).reshape(-1, 3), axis=0)) > 20
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_the_paper_start_as_a_vector_drawing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "paths.svg"
+    arguments = ["paths", DODGE, "--policies", "dpct", "--scenario", "paper", "--plot", str(path), "--dpi", "60"]
+    assert cli.main(arguments) == 0
+    assert "the paper's start" in capsys.readouterr().out
+    assert "<svg" in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"env": "ObstacleDogde-v0"}, 'did you mean "ObstacleDodge-v0"'),
+        ({"policies": ("dpct", "folower")}, 'did you mean "follower"'),
+        ({"policies": ()}, "0 policies"),
+        ({"policies": ("dpct",) * 5}, "5 policies"),
+        ({"seed": -1}, "seed -1"),
+        ({"dpi": 3}, "dpi 3"),
+        ({"plot": Path("paths.jpg")}, r"\.pdf, \.png, \.svg"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], complaint: str
+) -> None:
+    monkeypatch.setattr("agents.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    with pytest.raises(ValueError, match=complaint):
+        run(PathsOptions(**{"env": DODGE, **options}))
+
+
+def test_missing_matplotlib_is_said_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
+        run(PathsOptions(env=DODGE, plot=Path("paths.png")))

@@ -1,0 +1,116 @@
+"""What DPCT refuses to plan, and what it says then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from dpct_cases import HAND, conveyor
+
+from planners import PLANAR_3R, SCARA_1M, FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, dpct
+
+
+def refusal(problem: MotionProblem, **options: Any) -> Infeasible:
+    with pytest.raises(Infeasible) as caught:
+        dpct.plan(problem, **options)
+    return caught.value
+
+
+def test_too_fast_a_belt_names_joint_speed_and_stretch() -> None:
+    limits = replace(SCARA_1M.limits, velocity=(0.05, 0.05))
+    answer = refusal(conveyor(speed=0.2, limits=limits, horizon=5.0))
+    assert answer.reason == "no_window"
+    assert "velocity limit of joint" in answer.message
+    largest = answer.details["largest_speed"]
+    assert isinstance(largest, float)
+    assert 0.03 < largest < 0.2
+    for factor, rides in ((0.999, True), (1.001, False)):
+        belt = conveyor(speed=factor * largest, limits=limits, horizon=1.0 / (factor * largest))  # the same stretch
+        assert any(window.opens < belt.horizon for window in dpct.rideable_windows(belt)) == rides
+
+
+def test_lateness_says_what_would_help() -> None:
+    problem = conveyor(lead=-0.1, speed=0.25, horizon=8.0)
+    answer = refusal(problem)
+    assert answer.reason == "late"
+    assert answer.details["relieved_by"] == ("velocity",)
+    lead = answer.details["lead"]
+    assert isinstance(lead, float)
+    assert lead > 0.0
+    later = dpct.plan(conveyor(lead=-0.1 + 1.1 * lead, speed=0.25, horizon=8.0))
+    assert later.rendezvous_time < later.rides_until
+    refusal(conveyor(lead=-0.1 + 0.8 * lead, speed=0.25, horizon=8.0))
+
+
+def test_a_short_horizon_says_how_long_it_takes() -> None:
+    answer = refusal(conveyor(lead=-0.2, speed=0.1, horizon=2.0))
+    assert answer.reason == "late"
+    assert answer.details["earliest"] == pytest.approx(2.88, abs=0.01)
+
+
+def test_windows_that_miss_the_time_asked_for() -> None:
+    problem = conveyor(lead=0.0, horizon=6.0)
+    opens = dpct.rideable_windows(problem)[0].opens
+    assert opens > 0.1
+    answer = refusal(problem, rendezvous_time=0.5 * opens)
+    assert answer.reason == "no_window"
+    assert refusal(replace(problem, horizon=0.5 * opens)).reason == "no_window"
+
+
+@pytest.mark.parametrize(
+    ("problem", "reason", "message"),
+    [
+        (replace(conveyor(), target=MovingHand(HAND + np.array([0.0, 0.03]), [0.2, 0.0])), "start", "0.03 m beside"),
+        (conveyor(qd=np.array([0.1, 0.0])), "start", "across the line"),
+        (replace(conveyor(), target=MovingHand(HAND, [0.2, 0.0], [0.0, 0.1])), "unreachable", "straight motions"),
+        (replace(conveyor(), target=MovingHand(HAND + np.array([4.0, 0.0]), [0.2, 0.0])), "unreachable", "never"),
+        (replace(conveyor(), target=FixedHand(HAND + np.array([2.5, 0.0]))), "unreachable", "leaves the reach"),
+        (replace(conveyor(), target=FixedJoints([0.0, 1.0]), qd=np.array([0.0, 0.1])), "start", "straight joint path"),
+    ],
+)
+def test_other_refusals(problem: MotionProblem, reason: str, message: str) -> None:
+    answer = refusal(problem)
+    assert answer.reason == reason
+    assert message in answer.message
+
+
+def test_a_start_beyond_the_limits_is_refused() -> None:
+    problem = conveyor()
+    jacobian = SCARA_1M.jacobian(problem.q)
+    fast = replace(problem, qd=np.linalg.solve(jacobian, [0.5, 0.0]))
+    assert refusal(fast).reason == "start"
+
+
+def test_a_weight_that_cannot_be_held_is_refused() -> None:
+    arm = replace(PLANAR_3R, gravity=9.81)
+    weak = replace(arm.limits, torque=(1.0, 1.0, 1.0))
+    start = np.array([0.5 * np.pi, 0.0, 0.0])  # upright, no torque needed
+    answer = refusal(MotionProblem(arm, start, FixedJoints([0.0, 0.0, 0.0]), 3.0, limits=weak))
+    assert answer.reason == "limits"
+
+
+def test_a_joint_angle_limit_ends_the_line() -> None:
+    start = np.array([0.3, 0.9])
+    limits = replace(SCARA_1M.limits, angle=(0.6, np.inf))
+    answer = refusal(MotionProblem(SCARA_1M, start, FixedJoints([0.8, 0.9]), 6.0, limits=limits))
+    assert answer.reason == "unreachable"
+    plan = dpct.plan(MotionProblem(SCARA_1M, start, FixedJoints([0.55, 0.9]), 6.0, limits=limits))
+    assert 0.9 < plan.limit_ratios["angle"] <= 1.0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"variant": "best"},
+        {"speed": 1.0},
+        {"elbow": "up"},
+        {"rendezvous_time": 4.0},
+        {"time_weight": -1.0},
+        {"stages": 3},
+    ],
+)
+def test_unknown_or_impossible_options_are_named(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=str(next(iter(options)))):
+        dpct.plan(conveyor(), **options)
