@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -114,9 +115,16 @@ def load_experiment(source: str, settings: type[SettingsType]) -> SettingsType:
 
 
 def shipped_experiments() -> list[str]:
-    """Names of the experiments that come with planarm."""
-    files = resources.files("configs").iterdir()
-    return sorted(file.name.removesuffix(".yaml") for file in files if file.name.endswith(".yaml"))
+    """Names of the experiments that come with planarm, those in folders as ``ppo/ConveyorTrack-v0``."""
+    return sorted(_names(resources.files("configs")))
+
+
+def _names(folder: Traversable, prefix: str = "") -> Iterator[str]:
+    for item in folder.iterdir():
+        if item.is_dir():
+            yield from _names(item, f"{prefix}{item.name}/")
+        elif item.name.endswith(".yaml"):
+            yield prefix + item.name.removesuffix(".yaml")
 
 
 def _read(source: str) -> str:
@@ -126,4 +134,6 @@ def _read(source: str) -> str:
         except (OSError, UnicodeDecodeError) as error:
             raise ValueError(f"cannot read {source}: {error}") from None
     refuse_unknown([source], shipped_experiments(), "experiment (a file's name ends in .yaml)")
-    return (resources.files("configs") / f"{source}.yaml").read_text(encoding="utf-8")
+    folder, _, name = f"{source}.yaml".rpartition("/")
+    files = resources.files("configs")
+    return ((files / folder if folder else files) / name).read_text(encoding="utf-8")

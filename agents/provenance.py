@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from importlib import metadata
 from typing import Any
 
 DISTRIBUTIONS = ("planarm", "numpy", "numba", "scipy", "pymunk", "gymnasium")
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of the libraries that results depend on."""
-    return {"python": platform.python_version(), **{name: metadata.version(name) for name in DISTRIBUTIONS}}
+def versions(more: Sequence[str] = ()) -> dict[str, str]:
+    """Versions of Python, of the libraries that results depend on, and of more that are named."""
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in (*DISTRIBUTIONS, *more)}}
 
 
 def machine() -> dict[str, Any]:

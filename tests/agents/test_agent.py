@@ -1,0 +1,175 @@
+"""Trained agents: kept as safetensors and JSON, run without torch."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import Agent, evaluate, load_agent, save_agent
+from agents.agent import FORMAT, describe_layout, layout_of, shipped_agents
+from agents.training.config import EVALUATION_SEED, TrainingConfig
+
+ENV = "ConveyorTrack-v0"
+
+
+def agent(env_id: str = ENV, hidden: int = 5, activation: str = "tanh") -> Agent:
+    """An agent with weights at random."""
+    size = layout_of(env_id, {}).size
+    outputs = gym.make(env_id).action_space.shape[0]  # type: ignore[index]
+    generator = np.random.default_rng(2)
+    shapes = {
+        "layer0.weight": (hidden, size + 2),
+        "layer0.bias": (hidden,),
+        "layer1.weight": (outputs, hidden),
+        "layer1.bias": (outputs,),
+        "log_std": (outputs,),
+    }
+    tensors: dict[str, Any] = {
+        name: generator.standard_normal(shape, dtype=np.float32) for name, shape in shapes.items()
+    }
+    tensors["fine.index"], tensors["fine.gain"] = np.array([1, 3]), np.array([20.0, 5.0], dtype=np.float32)
+    document = {
+        "format": FORMAT,
+        "env": env_id,
+        "env_config": {},
+        **describe_layout(layout_of(env_id, {})),
+        "activation": activation,
+        "hidden": [hidden],
+    }
+    return Agent(document, tensors)
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "agent.safetensors"
+    save_agent(agent(), path)
+    return path
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+def test_the_mean_action_is_the_networks(activation: str) -> None:
+    one = agent(activation=activation)
+    observation = np.random.default_rng(0).uniform(-1.0, 1.0, (7, one.observation_size)).astype(np.float32)
+    actions, state = one.predict(observation, deterministic=True)
+    weights = {name: tensor.astype(np.float64) for name, tensor in one.tensors.items()}
+    for row, seen in zip(actions, observation.astype(np.float64), strict=True):
+        features = [*seen, np.tanh(20.0 * seen[1]), np.tanh(5.0 * seen[3])]
+        inner = weights["layer0.weight"] @ features + weights["layer0.bias"]
+        inner = np.tanh(inner) if activation == "tanh" else np.maximum(inner, 0.0)
+        expected = np.clip(weights["layer1.weight"] @ inner + weights["layer1.bias"], -1.0, 1.0)
+        np.testing.assert_allclose(row, expected, atol=1e-5)
+    assert (actions.dtype, state) == (np.float32, None)
+
+
+def test_one_observation_gives_one_action() -> None:
+    one = agent()
+    batch = np.random.default_rng(1).uniform(-1.0, 1.0, (4, one.observation_size)).astype(np.float32)
+    together = one.predict(batch, deterministic=True)[0]
+    np.testing.assert_allclose(one.predict(batch[2], deterministic=True)[0], together[2], atol=1e-6)
+    with pytest.raises(ValueError, match="observations of 3 elements"):
+        one.predict(np.zeros(3))
+
+
+def test_drawn_actions_spread_around_the_mean_as_log_std_says() -> None:
+    one = agent()
+    quiet = {
+        **one.tensors,
+        "log_std": np.array([-3.0, -5.0], np.float32),
+        "layer1.weight": np.zeros((2, 5), np.float32),
+    }
+    one = Agent(one.document, {**quiet, "layer1.bias": np.zeros(2, np.float32)})
+    actions = one.predict(np.zeros((20_000, one.observation_size)))[0]
+    np.testing.assert_allclose(actions.std(axis=0), np.exp([-3.0, -5.0]), rtol=0.03)
+    np.testing.assert_allclose(actions.mean(axis=0), 0.0, atol=2e-3)
+
+
+def test_what_is_saved_is_loaded(saved: Path) -> None:
+    loaded = load_agent(saved)
+    for name, tensor in agent().tensors.items():
+        np.testing.assert_array_equal(loaded.tensors[name], tensor)
+    assert loaded.env_id == ENV
+    folder = saved.parent
+    save_agent(agent(), folder / "best.safetensors")
+    assert load_agent(str(folder)).env_id == ENV
+
+
+def test_an_agent_is_evaluated_like_an_expert(saved: Path) -> None:
+    loaded = load_agent(saved)
+    first, again = (evaluate(loaded, ENV, range(4), lanes=lanes) for lanes in (4, 4))
+    np.testing.assert_array_equal(first.returns, again.returns)
+    assert first.policy == "Agent"
+
+
+def test_running_an_agent_needs_no_torch(saved: Path) -> None:
+    program = (
+        "import sys, agents\n"
+        f"agents.load_agent({str(saved)!r}).predict([0.0] * {agent().observation_size})\n"
+        "heavy = {'torch', 'stable_baselines3', 'pickle5'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def change(path: Path, **changes: Any) -> None:
+    document = path.with_suffix(".json")
+    document.write_text(json.dumps({**json.loads(document.read_text()), **changes}))
+
+
+def test_other_observations_are_refused_and_the_entries_named(saved: Path) -> None:
+    layout = json.loads(saved.with_suffix(".json").read_text())["layout"]
+    layout[5]["scale"] = 0.2
+    change(saved, layout=layout, layout_hash="0" * 64)
+    with pytest.raises(ValueError, match=f"other observations of {ENV}.*changed: part_error"):
+        load_agent(saved)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"format": 99}, "format 99"),
+        ({"sha256": "0"}, "do not belong together"),
+        ({"env": "ConveyorTrak-v0"}, 'did you mean "ConveyorTrack-v0"'),
+        ({"activation": "tahn"}, 'did you mean "tanh"'),
+        ({"hidden": [5, 5]}, "without layer2.weight"),
+        ({"env_config": {"horizn": 2.0}}, 'did you mean "horizon"'),
+    ],
+)
+def test_what_is_wrong_with_an_agent_is_said(saved: Path, changes: dict[str, Any], complaint: str) -> None:
+    change(saved, **changes)
+    with pytest.raises(ValueError, match=complaint):
+        load_agent(saved)
+
+
+def test_missing_and_damaged_files(saved: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot read the agent"):
+        load_agent(tmp_path / "none.safetensors")
+    with pytest.raises(ValueError, match="unknown agent"):
+        load_agent("ConveyorTrack-v7")
+    saved.write_bytes(saved.read_bytes()[:40])
+    with pytest.raises(ValueError, match="cannot read the agent"):
+        load_agent(saved)
+    saved.with_suffix(".json").write_text("{}")
+    save_agent(agent(), tmp_path / "other.safetensors")
+    saved.write_bytes((tmp_path / "other.safetensors").read_bytes())
+    with pytest.raises(ValueError, match="lacks format, env"):
+        load_agent(saved)
+
+
+@pytest.mark.parametrize("name", shipped_agents())
+def test_shipped_agents_score_what_their_json_says(name: str) -> None:
+    shipped = load_agent(name)
+    config = TrainingConfig.parse(shipped.document["training"]["config"], "training setting")
+    assert name == shipped.env_id == config.env
+    seeds = EVALUATION_SEED + np.arange(config.evaluation_episodes)
+    now, stored = evaluate(shipped, name, seeds, env_config=shipped.env_config), shipped.document["scores"]
+    assert now.success.mean() == pytest.approx(stored["success"], abs=0.01)
+    assert now.returns.mean() == pytest.approx(stored["return"], abs=0.01)
+    assert now.metrics["limit_ratio"].max() <= 1.005

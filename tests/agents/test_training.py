@@ -1,0 +1,230 @@
+"""`planarm train`: runs that can be repeated and resumed bit for bit; needs the `rl` extra."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
+
+import torch
+
+from agents import Agent, evaluate, load_agent
+from agents.agent import FORMAT
+from agents.cli import main
+from agents.experiment import load_experiment, shipped_experiments
+from agents.training.config import TrainingConfig
+from agents.training.ppo import SegmentedPPO, agent_tensors
+from agents.training.run import TRAINING_SEEDS, TrainingRun, Watcher, _lane_seed
+from agents.training.vec_env import LanesVecEnv
+from agents.training.warm_start import clone_expert, collect, returns_to_go
+from envs.conveyor_track import LAYOUT
+
+SMALL: dict[str, Any] = {
+    "env": "ConveyorTrack-v0",
+    "env_config": {"control_mode": "jerk", "horizon": 2.0},
+    "seed": 3,
+    "total_steps": 1200,
+    "lanes": 4,
+    "rollout_steps": 50,
+    "batch_size": 100,
+    "epochs": 2,
+    "hidden": [8, 8],
+    "fine": {"part_error": 20.0},
+    "final_log_std": -2.0,
+    "checkpoint_steps": 400,
+    "evaluation_episodes": 3,
+    "rivals": ["apf"],
+}
+
+
+def small(**changes: Any) -> TrainingConfig:
+    return TrainingConfig.parse({**SMALL, **changes}, "training setting")
+
+
+def trained(folder: Path, **changes: Any) -> TrainingRun:
+    run = TrainingRun.begin(folder, small(**changes), "test")
+    assert run.train()
+    return run
+
+
+def weights(folder: Path) -> bytes:
+    return (folder / "last.safetensors").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    trained(folder)
+    return folder
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_others(finished: Path, tmp_path: Path) -> None:
+    trained(tmp_path / "again")
+    trained(tmp_path / "other", seed=4)
+    assert weights(tmp_path / "again") == weights(finished)
+    assert weights(tmp_path / "other") != weights(finished)
+
+
+def test_a_run_stopped_within_any_segment_goes_on_as_if_it_had_not_been(finished: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    run = TrainingRun.begin(folder, small(), "test")
+    for stop_at in (100, 500, 900):
+        seen = [0]
+        assert not run.train(Watcher(step=seen.append, stop=lambda seen=seen, end=stop_at: seen[-1] >= end))  # type: ignore[misc]
+        assert seen[-1] == stop_at
+        run = TrainingRun.resume(folder)
+    assert run.train()
+    assert weights(folder) == weights(finished)
+    before, after = (torch.load(one / "checkpoint.pt", weights_only=True) for one in (finished, folder))
+    assert str(before["optimizer"]) == str(after["optimizer"])
+    assert [row["return"] for row in before["rows"]] == [row["return"] for row in after["rows"]]
+
+
+def test_a_killed_run_goes_on_from_its_last_checkpoint(finished: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    TrainingRun.begin(folder, small(), "test")
+    command = [sys.executable, "-m", "agents.cli", "train", "--resume", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while process.poll() is None and not (folder / "checkpoint.pt").exists():
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert main(["train", "--resume", str(folder)]) == 0
+    assert weights(folder) == weights(finished)
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    TrainingRun.begin(folder, small(total_steps=100_000_000), "test")
+    command = [sys.executable, "-m", "agents.cli", "train", "--resume", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and not (folder / "checkpoint.pt").exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate()
+    assert process.returncode == 130
+    assert f"--resume {folder}" in told
+    assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
+
+
+def test_what_a_run_leaves(finished: Path) -> None:
+    with (finished / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["steps"] for row in rows] == ["0", "400", "800", "1200"]
+    assert {"success", "return", "steady_state_error", "expert_success", "expert_steady_state_error"} <= set(rows[0])
+    assert {row["expert"] for row in rows} == {"apf"}
+    about = json.loads((finished / "run.json").read_text())
+    assert about["seed"] == 3
+    assert {"torch", "stable-baselines3", "planarm"} <= set(about["versions"])
+    assert load_experiment(str(finished / "config.yaml"), TrainingConfig) == small()
+    assert list((finished / "tensorboard").iterdir())
+    best = max(rows, key=lambda row: (float(row["success"]), float(row["return"])))
+    agent = load_agent(finished)
+    assert agent.document["training"]["steps"] == int(best["steps"])
+    scores = evaluate(agent, agent.env_id, range(1_000_000, 1_000_003), env_config=agent.env_config)
+    assert scores.returns.mean() == float(best["return"]) == agent.document["scores"]["return"]
+
+
+def test_an_agent_acts_as_its_torch_network() -> None:
+    env = LanesVecEnv(gym.make_vec(SMALL["env"], num_envs=4, **SMALL["env_config"]))
+    model = SegmentedPPO(small(hidden=[64, 64]), env, LAYOUT)
+    torch.manual_seed(0)
+    for parameter in model.policy.parameters():
+        parameter.data += 0.1 * torch.randn_like(parameter)
+    document = {"format": FORMAT, "env": SMALL["env"], "env_config": {}, "activation": "tanh", "hidden": [64, 64]}
+    agent = Agent(document, agent_tensors(model.policy))
+    observations = np.random.default_rng(0).uniform(-2.0, 2.0, (500, LAYOUT.size)).astype(np.float32)
+    expected = model.policy.predict(observations, deterministic=True)[0]
+    np.testing.assert_allclose(agent.predict(observations, deterministic=True)[0], expected, rtol=0.0, atol=1e-6)
+
+
+def test_training_seeds_are_none_of_the_evaluations() -> None:
+    seeds = [_lane_seed(seed, segment) for seed in range(20) for segment in range(20)]
+    assert min(seeds) >= TRAINING_SEEDS
+    assert max(seeds) < 2**32 - 2**16
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_noise_and_learning_rate_follow_the_whole_run(finished: Path) -> None:
+    checkpoint = torch.load(finished / "checkpoint.pt", weights_only=True)
+    assert checkpoint["policy"]["log_std"].tolist() == [-2.0, -2.0]
+    assert checkpoint["optimizer"]["param_groups"][0]["lr"] == pytest.approx(1e-5)
+
+
+def test_a_clone_acts_much_like_its_expert() -> None:
+    plan = {"expert": "apf", "episodes": 64, "rounds": 1, "updates": 1500, "batch_size": 128}
+    config = small(warm_start=plan, hidden=[32, 32])
+    with closing(gym.make_vec(SMALL["env"], num_envs=16, **SMALL["env_config"])) as env:
+        model = SegmentedPPO(config, LanesVecEnv(env), LAYOUT)
+        assert clone_expert(model.policy, config, TRAINING_SEEDS)
+        seen, labels, rewards = (np.concatenate(values) for values in collect(env, "apf", None, seed=0))
+        own_states, own_labels, _ = (np.concatenate(values) for values in collect(env, "apf", model.policy, seed=0))
+    actions = model.policy.predict(seen, deterministic=True)[0]
+    assert np.mean((actions - labels) ** 2) < 0.5 * np.mean(labels**2)
+    assert seen.shape == own_states.shape == (16 * 100, LAYOUT.size)
+    assert rewards.shape == (16 * 100,)
+    np.testing.assert_array_equal(own_labels[::100], labels[::100])  # the same starts
+    assert not np.array_equal(own_states, seen)
+
+
+def test_discounted_returns() -> None:
+    answers = returns_to_go([np.array([1.0, 2.0, 4.0]), np.array([3.0])], 0.5)
+    assert [answer.tolist() for answer in answers] == [[3.0, 4.0, 4.0], [3.0]]
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_experiments() if name.startswith("ppo/")])
+def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
+    config = load_experiment(name, TrainingConfig)
+    assert config.env == name.removeprefix("ppo/")
+    few = ["total_steps=1", "evaluation_episodes=2", "lanes=2", "rollout_steps=4", "batch_size=8", "rivals=[apf]"]
+    assert main(["train", name, *few, "warm_start=null", "--seed", "1", "--out", str(tmp_path)]) == 0
+    assert load_agent(tmp_path).document["training"]["seed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["ppo/ConveyorTrack-v1"], 'did you mean "ppo/ConveyorTrack-v0"'),
+        (["ppo/ConveyorTrack-v0", "gama=0.9"], 'did you mean "gamma"'),
+        (["ppo/ConveyorTrack-v0", "warm_start.episods=9"], 'did you mean "episodes"'),
+        (["ppo/ConveyorTrack-v0", "gamma=2"], "gamma = 2"),
+        (["ppo/ConveyorTrack-v0", "gamma"], "no key=value"),
+        (["ppo/ConveyorTrack-v0", "gamma=[1"], "no YAML value"),
+        (["ppo/ConveyorTrack-v0", "env=ConveyorTrak-v0"], 'did you mean "ConveyorTrack-v0"'),
+        (["ppo/ConveyorTrack-v0", "env_config.horizn=2"], 'did you mean "horizon"'),
+        (["ppo/ConveyorTrack-v0", "fine.part_eror=2"], 'did you mean "part_error"'),
+        (["ppo/ConveyorTrack-v0", "rivals=[dptc]"], 'did you mean "dpct"'),
+        (["ppo/ConveyorTrack-v0", "warm_start.expert=dptc"], 'did you mean "dpct"'),
+        ([], "name an experiment"),
+        (["ppo/ConveyorTrack-v0", "--resume", "runs/x"], "--resume takes no other"),
+        (["--resume", "runs/none"], "cannot read"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused(
+    arguments: list[str],
+    complaint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", *arguments]) == 2
+    assert complaint in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_in_use_is_refused(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "ppo/ConveyorTrack-v0", "--out", str(finished)]) == 2
+    assert "not empty" in capsys.readouterr().err
