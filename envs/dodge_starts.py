@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ class ObstacleDodgeOptions(Settings):
     obstacle_kind: Kind | None = None
     obstacle_speed: float | None = Field(None, gt=0.0, le=5.0)
     obstacle_radius: float | None = Field(None, gt=0.0, le=0.3)
-    obstacle_paths: tuple[tuple[Pair, ...], ...] | None = None
+    obstacle_paths: tuple[Annotated[tuple[Pair, ...], Field(min_length=1)], ...] | None = None
 
 
 PAPER_SCENARIO: dict[str, Any] = {

@@ -178,6 +178,7 @@ def test_of_two_episodes_without_collision_the_one_that_arrives_has_the_higher_r
         ({"start": (3.0, 0.5)}, "leaves the joint ranges"),
         ({"start": (0.0, 0.5), "obstacle_paths": (((0.4, 0.0),),)}, "touches the arm at the start"),
         ({"obstacle_paths": (((1.0, 1.0),), ((-1.0, 1.0),))}, "holds 2 paths for 1 discs"),
+        ({"obstacle_paths": ((),)}, "should have at least 1 item"),
         ({"obstacle_kind": "zigzag"}, "obstacle_kind = 'zigzag'"),
         ({"obstacle_speed": -1.0}, "obstacle_speed = -1.0"),
     ],
