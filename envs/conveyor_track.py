@@ -98,11 +98,7 @@ class ConveyorTrack(Task):
             extra_model=MODEL_FIELDS,
         )
         self._copy_settings("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty")
-        self.model["hold_steps"] = self._whole_periods("hold_time", config.hold_time)
-        if config.hold_time > config.horizon:
-            raise ValueError(
-                f"hold_time {config.hold_time} s is longer than the horizon {config.horizon} s; shorten it"
-            )
+        self.model["hold_steps"] = self._hold_steps(config.hold_time)
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
 
     @classmethod

@@ -83,7 +83,7 @@ class ObstacleDodge(Task):
         fields = lane_fields(samples, config.num_obstacles)
         super().__init__(config, SCARA_50CM, n_lanes, extra_lane=fields, extra_model=MODEL_FIELDS)
         self.model["link_radius"] = self.arm.link_radius
-        self.model["hold_steps"] = self._whole_periods("hold_time", config.hold_time)
+        self.model["hold_steps"] = self._hold_steps(config.hold_time)
         self._copy_settings("tolerance", "clearance_margin", "clearance_weight", "collision_penalty")
         self._copy_settings("limit_tolerance", "limit_penalty")
         acceleration = 0.5 * np.array(self.arm.limits.acceleration)

@@ -171,6 +171,12 @@ class Task(ABC):
         """The action space of one lane: one number in [-1, 1] a joint."""
         return gym.spaces.Box(-1.0, 1.0, (self.arm.n_joints,), np.float32)
 
+    def _hold_steps(self, hold_time: float) -> int:
+        """A hold time, s, in control periods; refused where an episode is too short for it."""
+        if hold_time > self.config.horizon:
+            raise ValueError(f"hold_time {hold_time} s is longer than the horizon {self.config.horizon} s; shorten it")
+        return self._whole_periods("hold_time", hold_time)
+
     def _copy_settings(self, *names: str) -> None:
         """Settings that the kernels read go into the model record under their own names."""
         for name in names:

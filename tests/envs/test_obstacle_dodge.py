@@ -192,6 +192,11 @@ def test_an_episode_that_cannot_be_is_refused_and_changes_nothing(options: dict[
     np.testing.assert_array_equal(lane_of(env)["observation"], before)
 
 
+def test_an_episode_too_short_to_hold_the_goal_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"hold_time 0\.5 s is longer than the horizon 0\.4 s"):
+        gym.make(ENV, horizon=0.4)
+
+
 def test_the_papers_scenario_crosses_the_straight_way() -> None:
     env = gym.make(ENV)
     observations = [env.reset(seed=seed, options={"scenario": "paper"})[0] for seed in (0, 1)]
