@@ -36,6 +36,8 @@ def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {"tanh": np.tanh, "relu": _relu}
 """Between the layers of an agent."""
+ACTION_SETTINGS = ("control_mode",)
+"""Settings of an environment that say what an action means, and leave the task as it is."""
 _REQUIRED = ("format", "env", "env_config", "layout_hash", "activation", "hidden", "sha256")
 
 
@@ -68,8 +70,13 @@ class Agent:
 
     @property
     def env_config(self) -> dict[str, Any]:
-        """The settings of that environment; it can be expected to work with these only."""
+        """The settings of that environment, those of its reward among them."""
         return dict(self.document["env_config"])
+
+    @property
+    def action_config(self) -> dict[str, Any]:
+        """Those of the settings that say what its actions mean: it can work with no others."""
+        return {name: value for name, value in self.env_config.items() if name in ACTION_SETTINGS}
 
     @property
     def observation_size(self) -> int:

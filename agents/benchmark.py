@@ -20,6 +20,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 import envs
 from agents.bounds import BOUNDS, best_known
+from agents.comparison import Pair, as_documents, compare_all, print_comparison
+from agents.contenders import Contender, find_contender
 from agents.evaluation import Evaluation, evaluate, known_env_ids
 from agents.experiment import BenchmarkConfig, BenchmarkTask, load_experiment
 from agents.files import write_json
@@ -38,12 +40,14 @@ WARM_UP = 2
 class BenchmarkOptions:
     """Score policies on tasks and print the leaderboard, beside the best known optimum and published figures.
 
-    Takes about a minute. Ctrl-C prints what is finished. Where the output is no terminal, tables are Markdown.
+    What is learnt is compared with each expert in pairs, on the same episodes. Takes about two minutes. Ctrl-C prints
+    what is finished. Where the output is no terminal, tables are Markdown.
 
     For example:
 
         $ planarm benchmark
         $ planarm benchmark --policies dpct follower --episodes 1000 --json runs/leaderboard.json
+        $ planarm benchmark --policies agent apf runs/mine --tasks ObstacleDodge-v0
     """
 
     config: str = "benchmark"
@@ -55,7 +59,7 @@ class BenchmarkOptions:
     seed: int | None = None
     """Seed of the first episode; the next episode has the next."""
     policies: tuple[str, ...] | None = None
-    """Names of experts."""
+    """Names of experts; agent for the trained agent that comes with planarm; the path of a run or an agent."""
     tasks: tuple[str, ...] | None = None
     """Names of tasks of the experiment, to run these alone."""
     lanes: int | None = None
@@ -84,9 +88,19 @@ class BenchmarkOptions:
 
 @dataclass
 class Benchmark:
-    """A benchmark under way: `results` holds what is finished, also after an interruption."""
+    """A benchmark under way: `results` holds what is finished, also after an interruption.
+
+    Attributes:
+        config: what is to be done.
+        compared: policies that are compared with all others in pairs; if left out, those that are no experts.
+        allow_code: whether models of Stable-Baselines3 may be loaded.
+        results: one a task.
+        complete: whether all is done.
+    """
 
     config: BenchmarkConfig
+    compared: tuple[str, ...] | None = None
+    allow_code: bool = False
     results: list[TaskResult] = field(default_factory=list)
     complete: bool = False
 
@@ -100,10 +114,13 @@ class Benchmark:
         """Make every environment and policy once, so that what is wrong with any is said before the first episode."""
         for task in self.config.tasks:
             refuse_unknown([task.env], known_env_ids(), "environment")
-            with closing(gym.make_vec(task.env, num_envs=1, **task.env_config)) as env:
-                env.reset(seed=self.config.seed, options=dict(task.options))
-                for policy in self.config.policies:
-                    envs.make_expert(policy, env)
+            for contender in self.contenders(task):
+                with closing(gym.make_vec(task.env, num_envs=1, **contender.settings(task.env_config))) as env:
+                    observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
+                    if isinstance(contender.policy, str):
+                        envs.make_expert(contender.policy, env)
+                    else:
+                        contender.policy.predict(observation, deterministic=True)
 
     def warm_up(self, progress: Callable[[int], object]) -> None:
         """Run a little of everything: the first time compiles, and no timing shall hold that.
@@ -111,8 +128,8 @@ class Benchmark:
         One lane and several are compiled apart, because their arrays differ in layout.
         """
         for task in self.config.tasks:
-            for policy in self.config.policies:
-                self._evaluate(task, policy, self._seeds(task)[:WARM_UP], progress)
+            for contender in self.contenders(task):
+                self._evaluate(task, contender, self._seeds(task)[:WARM_UP], progress)
 
     def fill(self, begin: Callable[[str], object], progress: Callable[[int], object]) -> None:
         """Run everything.
@@ -125,9 +142,11 @@ class Benchmark:
             seeds = self._seeds(task)
             result = TaskResult(task, seeds)
             self.results.append(result)
-            for policy in self.config.policies:
-                begin(f"{task.title}: {policy}")
-                result.evaluations.append(self._evaluate(task, policy, seeds, progress))
+            for contender in self.contenders(task):
+                begin(f"{task.title}: {contender.name}")
+                result.evaluations.append(self._evaluate(task, contender, seeds, progress))
+                if contender.action_config:
+                    result.action_configs[contender.name] = contender.action_config
             if self._bounded(task):
                 begin(f"{task.title}: bound")
                 result.bounds = best_known(
@@ -146,20 +165,34 @@ class Benchmark:
             "versions": versions(),
             "machine": machine(),
             "config": self.config.model_dump(mode="json"),
-            "results": [as_document(result) for result in self.results],
+            "results": [{**as_document(result), "pairs": as_documents(self.pairs(result))} for result in self.results],
         }
 
+    def contenders(self, task: BenchmarkTask) -> list[Contender]:
+        """Who takes part in a task.
+
+        Raises:
+            ValueError: for what is no policy, or none of this environment.
+        """
+        return [find_contender(name, task.env, allow_code=self.allow_code) for name in self.config.policies]
+
+    def pairs(self, result: TaskResult) -> list[Pair]:
+        """The comparisons of a task, of what is finished."""
+        learnt = [contender.name for contender in self.contenders(result.task) if not contender.is_expert]
+        return compare_all(result, learnt if self.compared is None else self.compared)
+
     def _evaluate(
-        self, task: BenchmarkTask, policy: str, seeds: NDArray[np.int64], progress: Callable[[int], object]
+        self, task: BenchmarkTask, contender: Contender, seeds: NDArray[np.int64], progress: Callable[[int], object]
     ) -> Evaluation:
         return evaluate(
-            policy,
+            contender.policy,
             task.env,
             seeds,
-            env_config=task.env_config,
+            env_config=contender.settings(task.env_config),
             options=task.options,
             lanes=self.config.lanes,
             progress=progress,
+            name=contender.name,
         )
 
     def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
@@ -179,10 +212,18 @@ def run(options: BenchmarkOptions) -> int:
     Raises:
         ValueError: for anything unknown or impossible, before the first episode.
     """
+    return run_and_print(Benchmark(options.resolve()), options.json)
+
+
+def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
+    """Run a benchmark with a progress bar, print its tables, write every episode to ``json``; the exit code.
+
+    Raises:
+        ValueError: as `run`.
+    """
     started = datetime.now(UTC)
-    benchmark = Benchmark(options.resolve())
-    if options.json is not None:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
+    if json is not None:
+        json.parent.mkdir(parents=True, exist_ok=True)
     try:
         _run_with_bar(benchmark)
     except KeyboardInterrupt:
@@ -191,10 +232,12 @@ def run(options: BenchmarkOptions) -> int:
     for result in benchmark.results:
         if result.evaluations:
             print_leaderboard(console, result)
-    if options.json is not None:
+        if pairs := benchmark.pairs(result):
+            print_comparison(console, result.task.env, pairs)
+    if json is not None:
         origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
-        write_json(options.json, {**origin, **benchmark.document()})
-        Console(stderr=True).print(f"wrote {options.json}")
+        write_json(json, {**origin, **benchmark.document()})
+        Console(stderr=True).print(f"wrote {json}")
     return 0 if benchmark.complete else INTERRUPTED
 
 

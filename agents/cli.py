@@ -27,6 +27,7 @@ class Command:
 
 COMMANDS = {
     "benchmark": Command("agents.benchmark", "BenchmarkOptions", "score policies on tasks, beside the known optimum"),
+    "evaluate": Command("agents.evaluate_command", "EvaluateOptions", "score one policy on one task, others beside it"),
     "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
     "train": Command("agents.training.command", "TrainOptions", "train an agent with PPO, or go on with a run"),

@@ -118,6 +118,7 @@ def evaluate(
     options: Info | None = None,
     lanes: int = 256,
     progress: Progress | None = None,
+    name: str | None = None,
 ) -> Evaluation:
     """Run exactly one episode for each seed.
 
@@ -133,6 +134,7 @@ def evaluate(
         options: of each ``reset``.
         lanes: largest number of episodes that run at once.
         progress: called with the number of episodes that have just ended.
+        name: of the policy; if left out, that of the expert or of its class.
 
     Raises:
         ValueError: for an unknown expert, no seeds, or settings and options the environment refuses.
@@ -140,7 +142,7 @@ def evaluate(
     numbers = _checked_seeds(seeds)
     if lanes < 1:
         raise ValueError(f"lanes {lanes} must be at least 1")
-    name = policy if isinstance(policy, str) else type(policy).__name__
+    name = name or (policy if isinstance(policy, str) else type(policy).__name__)
     batches: list[_Batch] = []
     for first in range(0, len(numbers), lanes):
         batch = numbers[first : first + lanes]

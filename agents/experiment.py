@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -73,7 +73,7 @@ class BenchmarkConfig(Settings):
         bound_episodes: for how many of them the bound is computed.
         seed: of the first episode; the next has the next.
         lanes: episodes that run at once.
-        policies: names of experts.
+        policies: names of experts, ``agent`` for the agent shipped for the environment, paths of runs and agents.
         tasks: what they do.
     """
 
@@ -112,6 +112,38 @@ def load_experiment(source: str, settings: type[SettingsType]) -> SettingsType:
     if not isinstance(content, dict):
         raise ValueError(f"{source} must hold names and values, not {content!r}")
     return settings.parse(content, f"{source} setting")
+
+
+def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, Any]:
+    """Settings with some changed.
+
+    Args:
+        settings: by name.
+        changes: ``key=value``; dots lead into nested settings, values are YAML.
+
+    Raises:
+        ValueError: for what is no such assignment.
+    """
+    answer = dict(settings)
+    for change in changes:
+        key, equals, text = change.partition("=")
+        if not equals or not key:
+            raise ValueError(f'"{change}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise ValueError(f'"{change}": {text!r} is no YAML value') from None
+        _assign(answer, key.split("."), value)
+    return answer
+
+
+def _assign(settings: dict[str, Any], path: list[str], value: Any) -> None:
+    """Set a nested value; levels that are missing are made, and refused later if they are not known."""
+    for name in path[:-1]:
+        inner = settings.get(name)
+        settings[name] = dict(inner) if isinstance(inner, Mapping) else {}
+        settings = settings[name]
+    settings[path[-1]] = value
 
 
 def shipped_experiments() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,6 +54,12 @@ METRICS: dict[str, tuple[Metric, ...]] = {
 }
 
 
+def primary_metric(env_id: str) -> Metric | None:
+    """The number by which episodes of a task are compared, the one its bound is of; the less, the better."""
+    bound = BOUNDS.get(env_id)
+    return next((metric for metric in METRICS.get(env_id, ()) if bound and metric.key == bound.metric), None)
+
+
 @dataclass
 class TaskResult:
     """What is finished of one task.
@@ -63,12 +69,14 @@ class TaskResult:
         seeds: of its episodes.
         evaluations: one a policy.
         bounds: best known values for the first seeds of what `BOUNDS` bounds; None if they are not computed.
+        action_configs: by policy, settings with which its actions are meant, where they are not the task's.
     """
 
     task: BenchmarkTask
     seeds: NDArray[np.int64]
     evaluations: list[Evaluation] = field(default_factory=list)
     bounds: Array | None = None
+    action_configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def above_bound(self, evaluation: Evaluation) -> Array | None:
         """How much worse than the bound each episode is, where the bound is known."""
@@ -143,19 +151,19 @@ def _policy_cells(
     yield _share(estimates["success"])
     for metric in metrics:
         told = evaluation.metrics[metric.key].dtype == bool
-        yield _share(estimates[metric.key]) if told else _number(estimates[metric.key].value * metric.factor)
+        yield _share(estimates[metric.key]) if told else shown_number(estimates[metric.key].value * metric.factor)
     if bounded:
-        yield _number(estimates["above_bound"].value) if "above_bound" in estimates else ""
-    yield _number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
+        yield shown_number(estimates["above_bound"].value) if "above_bound" in estimates else ""
+    yield shown_number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
     yield _percent(estimates["limit_broken"].value) if "limit_broken" in estimates else ""
-    yield _number(estimates["return"].value)
-    yield _number(evaluation.timing.planning_ms) if evaluation.timing.plans else ""
-    yield _number(evaluation.timing.policy_us)
+    yield shown_number(estimates["return"].value)
+    yield shown_number(evaluation.timing.planning_ms) if evaluation.timing.plans else ""
+    yield shown_number(evaluation.timing.policy_us)
 
 
 def _lone_cells(metrics: Sequence[Metric], key: str, value: float) -> list[str]:
     """Cells of the metric columns for a row of which one number alone is known."""
-    return [_number(value * metric.factor) if metric.key == key else "" for metric in metrics]
+    return [shown_number(value * metric.factor) if metric.key == key else "" for metric in metrics]
 
 
 def _caption(result: TaskResult) -> str:
@@ -171,6 +179,9 @@ def _caption(result: TaskResult) -> str:
     steps = sum(evaluation.timing.lane_steps for evaluation in result.evaluations)
     env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps
     lines.append(f"Step: of the policy, without planning; the environment takes {env_us:.1f} us.")
+    for policy, settings in result.action_configs.items():
+        told = ", ".join(f"{name} {value}" for name, value in settings.items())
+        lines.append(f"Actions of {policy}: {told}.")
     if result.task.published is not None:
         lines.append(f"Paper: {result.task.published.source}. {result.task.published.note}".strip())
     return " ".join(lines)
@@ -184,7 +195,8 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.1f}".removesuffix(".0")
 
 
-def _number(value: float) -> str:
+def shown_number(value: float) -> str:
+    """A number with three decimals if it is small, with one if it is not."""
     if math.isinf(value):
         return "never"
     if 0.0 < abs(value) < 0.0005:
@@ -212,6 +224,7 @@ def _evaluation_document(result: TaskResult, evaluation: Evaluation) -> dict[str
     timing = evaluation.timing
     return {
         "policy": evaluation.policy,
+        "action_config": result.action_configs.get(evaluation.policy, {}),
         "summary": {name: vars(estimate) for name, estimate in summary(result, evaluation).items()},
         "timing": {
             **vars(timing),

@@ -33,13 +33,18 @@ def rate(outcomes: ArrayLike) -> Estimate:
     return Estimate(float(array.mean()), float(interval.low), float(interval.high))
 
 
+def mean(values: ArrayLike) -> Estimate:
+    """Mean of ``values`` ``(episodes,)`` with a bootstrap interval."""
+    return _bootstrap(values, np.mean)
+
+
 def median(values: ArrayLike) -> Estimate:
-    """Median of ``values`` ``(episodes,)`` with a bootstrap interval; values may be +inf."""
+    """Median of ``values`` ``(episodes,)`` with a bootstrap interval; values may be infinite."""
     return _bootstrap(values, np.median)
 
 
 def interquartile_mean(values: ArrayLike) -> Estimate:
-    """Mean of the middle half of ``values`` ``(episodes,)`` with a bootstrap interval; values may be +inf."""
+    """Mean of the middle half of ``values`` ``(episodes,)`` with a bootstrap interval; values may be infinite."""
     return _bootstrap(values, lambda sample, axis: stats.trim_mean(sample, 0.25, axis=axis))
 
 
@@ -48,8 +53,8 @@ def _bootstrap(values: ArrayLike, statistic: Callable[..., Any]) -> Estimate:
     # An infinite value takes part as a finite one so large that whatever it touches lies beyond all others:
     # the quantiles of the resampled statistic would otherwise meet inf - inf.
     finite = sample[np.isfinite(sample)]
-    largest = float(finite.max(initial=0.0))
-    sample = np.where(np.isposinf(sample), 1e12 * (1.0 + abs(largest)), sample)
+    largest = float(np.abs(finite).max(initial=0.0))
+    sample = np.where(np.isinf(sample), np.sign(sample) * 1e12 * (1.0 + largest), sample)
     value = float(statistic(sample, axis=0))
     low = high = np.nan
     if sample.size > 1:
@@ -62,4 +67,5 @@ def _bootstrap(values: ArrayLike, statistic: Callable[..., Any]) -> Estimate:
             rng=np.random.default_rng(_SEED),
         )
         low, high = float(result.confidence_interval.low), float(result.confidence_interval.high)
-    return Estimate(*(np.inf if end > 1e3 * (1.0 + abs(largest)) else end for end in (value, low, high)))
+    ends = (value, low, high)
+    return Estimate(*(np.copysign(np.inf, end) if abs(end) > 1e3 * (1.0 + largest) else end for end in ends))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, Self
 
-import yaml
 from pydantic import Field
 
+from agents.experiment import assigned
 from envs.settings import Settings
 
 EVALUATION_SEED = 1_000_000
@@ -118,23 +118,4 @@ class TrainingConfig(Settings):
         Raises:
             ValueError: for what is no such assignment, an unknown key or an impossible value.
         """
-        settings = self.model_dump()
-        for change in changes:
-            key, equals, text = change.partition("=")
-            if not equals or not key:
-                raise ValueError(f'"{change}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
-            try:
-                value = yaml.safe_load(text)
-            except yaml.YAMLError:
-                raise ValueError(f'"{change}": {text!r} is no YAML value') from None
-            _assign(settings, key.split("."), value)
-        return self.parse(settings, "training setting")
-
-
-def _assign(settings: dict[str, Any], path: list[str], value: Any) -> None:
-    """Set a nested value; levels that are missing are made, and refused later if they are not known."""
-    for name in path[:-1]:
-        inner = settings.get(name)
-        settings[name] = dict(inner) if isinstance(inner, Mapping) else {}
-        settings = settings[name]
-    settings[path[-1]] = value
+        return self.parse(assigned(self.model_dump(), changes), "training setting")

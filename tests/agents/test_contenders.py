@@ -1,0 +1,89 @@
+"""Who takes part: experts, shipped agents, runs, and models of Stable-Baselines3, which are not opened unasked."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import Agent, evaluate, load_agent, save_agent
+from agents.contenders import Contender, find_contender
+
+ENV = "ConveyorTrack-v0"
+
+
+def test_an_expert_brings_no_settings() -> None:
+    expert = find_contender("apf", ENV)
+    assert (expert.name, expert.policy, expert.settings({"payload": 0.1})) == ("apf", "apf", {"payload": 0.1})
+    assert expert.is_expert
+
+
+def test_an_agent_brings_the_meaning_of_its_actions_and_no_other_setting(tmp_path: Path) -> None:
+    shipped = load_agent(ENV)
+    trained = {**shipped.document, "env_config": {"control_mode": "jerk", "limit_penalty": 0.5}}
+    save_agent(Agent(trained, shipped.tensors), tmp_path / "run" / "best.safetensors")
+    for source, name in (
+        ("agent", "agent"),
+        (str(tmp_path / "run"), "run"),
+        (str(tmp_path / "run" / "best.safetensors"), "best"),
+    ):
+        contender = find_contender(source, ENV)
+        assert (contender.name, contender.is_expert) == (name, False)
+        assert contender.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
+
+
+def test_a_task_of_other_actions_is_refused() -> None:
+    contender = Contender("mine", "dpct", {"control_mode": "jerk"})
+    assert contender.settings({"control_mode": "jerk"}) == {"control_mode": "jerk"}
+    with pytest.raises(
+        ValueError, match=r"mine was trained with control_mode 'jerk'.*'torque'.*leave control_mode out"
+    ):
+        contender.settings({"control_mode": "torque"})
+
+
+@pytest.mark.parametrize(
+    ("source", "env_id", "complaint"),
+    [
+        ("agnt", ENV, 'did you mean "agent"'),
+        ("agent", "Elsewhere-v0", "unknown environment with an agent of its own"),
+        ("no_such_run.safetensors", ENV, "cannot read the agent"),
+        ("model.zip", ENV, "any code.*--allow-code"),
+    ],
+)
+def test_what_is_wrong_is_said(source: str, env_id: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        find_contender(source, env_id)
+
+
+def test_an_agent_of_another_environment_is_refused(tmp_path: Path) -> None:
+    shipped = load_agent(ENV)
+    save_agent(shipped, tmp_path / "mine.safetensors")
+    with pytest.raises(ValueError, match="mine was trained on ConveyorTrack-v0, not on ObstacleDodge-v0"):
+        find_contender(str(tmp_path / "mine.safetensors"), "ObstacleDodge-v0")
+
+
+def test_what_is_no_model_is_said_even_when_code_is_allowed(tmp_path: Path) -> None:
+    (tmp_path / "text.zip").write_text("no zip")
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
+        archive.writestr("data", '{"gamma": 0.9}')
+    for name, complaint in (("text", "no model of Stable-Baselines3"), ("other", "no algorithm known here")):
+        with pytest.raises(ValueError, match=complaint):
+            find_contender(str(tmp_path / f"{name}.zip"), ENV, allow_code=True)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "A2C", "SAC", "TD3", "DDPG"])
+def test_a_model_of_stable_baselines3_is_evaluated(tmp_path: Path, algorithm: str) -> None:
+    library: Any = pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
+    sizes: dict[str, Any] = {"policy_kwargs": {"net_arch": [8]}, "seed": 1, "device": "cpu"}
+    if algorithm in {"SAC", "TD3", "DDPG"}:
+        sizes["buffer_size"] = 10
+    model = getattr(library, algorithm)("MlpPolicy", gym.make(ENV), **sizes)
+    model.save(tmp_path / "mine.zip")
+    contender = find_contender(str(tmp_path / "mine.zip"), ENV, allow_code=True)
+    assert (contender.name, contender.is_expert, contender.action_config) == ("mine", False, {})
+    loaded, original = (evaluate(policy, ENV, range(3)) for policy in (contender.policy, model))
+    np.testing.assert_array_equal(loaded.returns, original.returns)
