@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from agents.contenders import Contender
 from agents.rollout import Info, play
 from envs.task import Task
 from planners import Arm
@@ -139,16 +140,16 @@ class Course:
         return int(np.abs(self.t - time).argmin())
 
 
-def run_course(env_id: str, policy: str, seed: int, options: Info) -> Course:
-    """Run one episode of an expert and keep what a picture of it needs.
+def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> Course:
+    """Run one episode of a policy and keep what a picture of it needs.
 
     Raises:
-        ValueError: for an expert, seed or options that the environment does not know.
+        ValueError: for a seed or options that the environment does not know.
     """
     story = STORIES[env_id]
-    with closing(gym.make(env_id)) as env:
+    with closing(gym.make(env_id, **contender.settings({}))) as env:
         watched = _Watched(env, story)
-        info = play(watched, policy, seed, options)
+        info = play(watched, contender.policy, seed, options)
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
         period, lane = task.config.control_period, task.lanes[0]
         t = np.arange(len(watched.q), dtype=np.float64) * period
@@ -157,7 +158,7 @@ def run_course(env_id: str, policy: str, seed: int, options: Info) -> Course:
             rates = np.diff(measure) / period
             measure = np.append(rates, rates[-1])
         return Course(
-            policy=policy,
+            policy=contender.name,
             env_id=env_id,
             arm=task.arm,
             t=t,

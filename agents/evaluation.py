@@ -149,7 +149,7 @@ def evaluate(
         with closing(gym.make_vec(env_id, num_envs=len(batch), **(env_config or {}))) as env:
             if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
                 raise ValueError(f"{env_id} does not reset a lane in the step that ends its episode (SAME_STEP)")
-            policy = _as_policy(policy, env)
+            policy = as_policy(policy, env)
             batches.append(_run_batch(policy, env, batch, dict(options or {}), progress or (lambda ended: None)))
     return Evaluation(
         policy=name,
@@ -234,7 +234,12 @@ def _planning(policy: Policy) -> tuple[float, float, float]:
     return tuple(getattr(policy, name, 0.0) for name in ("plans_made", "planning_seconds", "infeasible"))  # type: ignore[return-value]
 
 
-def _as_policy(policy: Policy | str, env: VectorEnv) -> Policy:
+def as_policy(policy: Policy | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
+    """An expert by its name, for an environment; any other policy as it is.
+
+    Raises:
+        ValueError: for an unknown expert, or what has no ``predict``.
+    """
     if isinstance(policy, str):
         expert: Policy = envs.make_expert(policy, env)
         return expert

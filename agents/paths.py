@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import gymnasium as gym
 import tyro
 from rich import box
 from rich.table import Table
 
-import envs
+from agents.contenders import find_contender
 from agents.course import STORIES, Course, run_course
 from agents.files import write_bytes
 from agents.leaderboard import METRICS
@@ -41,7 +39,7 @@ class PathsOptions:
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ObstacleDodge-v0."""
     policies: tuple[str, ...] = ("dpct", "lagrange", "apf")
-    """Names of experts, at most 4."""
+    """Names of experts, agent for the one that comes with planarm, or paths of runs; at most 4."""
     seed: int = 0
     """Seed of the episodes' start."""
     scenario: Literal["random", "paper"] = "random"
@@ -60,7 +58,9 @@ def run(options: PathsOptions) -> int:
         ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
     """
     _check(options)
-    courses = [run_course(options.env, name, options.seed, {"scenario": options.scenario}) for name in options.policies]
+    contenders = [find_contender(name, options.env) for name in options.policies]
+    scenario = {"scenario": options.scenario}
+    courses = [run_course(options.env, contender, options.seed, scenario) for contender in contenders]
     console = report_console()
     start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
     console.print(outcome_table(start, courses))
@@ -96,6 +96,3 @@ def _check(options: PathsOptions) -> None:
     if options.plot is not None:
         refuse_unknown([options.plot.suffix.lower()], FORMATS, f"file format of {options.plot}:")
         new_sheet(1.0, 1.0)  # says now, not after the episodes, if matplotlib is missing
-    with closing(gym.make(options.env)) as env:
-        for name in options.policies:
-            envs.make_expert(name, env)

@@ -13,8 +13,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-import envs
-from agents.evaluation import known_env_ids
+from agents.contenders import find_contender
+from agents.evaluation import Policy, as_policy, known_env_ids
 from agents.recording import Film, require_recordable
 from envs.settings import refuse_unknown
 
@@ -29,19 +29,19 @@ class RolloutOptions:
 
         $ planarm rollout ConveyorTrack-v0 --policy dpct --render
         $ planarm rollout ConveyorTrack-v0 --policy follower --seed 7 --control-mode jerk
-        $ planarm rollout ConveyorTrack-v0 --scenario paper --record paper.gif
+        $ planarm rollout ConveyorTrack-v0 --policy agent --scenario paper --record paper.gif
     """
 
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ConveyorTrack-v0."""
     policy: str = "dpct"
-    """Name of an expert."""
+    """Name of an expert; agent for the one that comes with planarm; the path of a run, an agent or a .zip."""
     seed: int = 0
     """Seed of the episode's start."""
     scenario: Literal["random", "paper"] = "random"
     """Draw the start, or take the paper's."""
-    control_mode: Literal["torque", "acceleration", "jerk"] = "torque"
-    """What an action means."""
+    control_mode: str | None = None
+    """What an action of an expert means, such as torque; by default what it means in the environment."""
     render: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Show the episode in a window."""
     record: Path | None = None
@@ -50,6 +50,8 @@ class RolloutOptions:
     """Frames a second in the file; at most the environment's control rate."""
     width: int = 640
     """Width of the recorded picture, pixels."""
+    allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Load a Stable-Baselines3 .zip although any code that is in it is run."""
 
 
 def run(options: RolloutOptions) -> int:
@@ -66,11 +68,13 @@ def run(options: RolloutOptions) -> int:
         raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
     if options.record is not None:
         require_recordable(options.record, fps=options.fps, width=options.width)
+    contender = find_contender(options.policy, options.env, allow_code=options.allow_code)
+    settings = contender.settings({} if options.control_mode is None else {"control_mode": options.control_mode})
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
     console = Console()
-    with closing(gym.make(options.env, render_mode=render_mode, control_mode=options.control_mode)) as env:
+    with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
         film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
-        info = play(env, options.policy, options.seed, {"scenario": options.scenario}, film)
+        info = play(env, contender.policy, options.seed, {"scenario": options.scenario}, film)
     console.print(info_table(f"{options.env}, {options.policy}, seed {options.seed}", info))
     if film is not None and options.record is not None:
         film.write(options.record)
@@ -78,16 +82,18 @@ def run(options: RolloutOptions) -> int:
     return 0
 
 
-def play(env: gym.Env[Any, Any], policy: str, seed: int, reset_options: Info, film: Film | None = None) -> Info:
-    """Run one episode of an expert; the last info, with the return and the length of the episode."""
-    expert = envs.make_expert(policy, env)
+def play(
+    env: gym.Env[Any, Any], policy: Policy | str, seed: int, reset_options: Info, film: Film | None = None
+) -> Info:
+    """Run one episode of a policy; the last info, with the return and the length of the episode."""
+    acting = as_policy(policy, env)
     observation, info = env.reset(seed=seed, options=reset_options)
     rate = float(env.metadata["render_fps"])
     state, begins, steps, total, ended = None, np.ones(1, dtype=bool), 0, 0.0, False
     while not ended:
         if film is not None:
             film.take(steps / rate, env.render)
-        actions, state = expert.predict(observation[None], state=state, episode_start=begins, deterministic=True)
+        actions, state = acting.predict(observation[None], state=state, episode_start=begins, deterministic=True)
         observation, reward, terminated, truncated, info = env.step(actions[0])
         begins, steps, total = np.zeros(1, dtype=bool), steps + 1, total + float(reward)
         ended = terminated or truncated

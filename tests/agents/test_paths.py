@@ -12,6 +12,7 @@ from PIL import Image
 
 import agents
 from agents import cli
+from agents.contenders import find_contender
 from agents.course import STORIES, run_course
 from agents.evaluation import known_env_ids
 from agents.paths import PathsOptions, run
@@ -45,7 +46,7 @@ def test_the_outcomes_are_the_evaluators(
 
 
 def test_a_course_is_the_episode_step_by_step() -> None:
-    course = run_course(DODGE, "follower", 29, {})
+    course = run_course(DODGE, find_contender("follower", DODGE), 29, {})
     evaluation = agents.evaluate("follower", DODGE, [29])
     assert len(course.t) == evaluation.lengths[0] + 1
     assert course.joints.shape == (len(course.t), 3, 2)
@@ -56,7 +57,7 @@ def test_a_course_is_the_episode_step_by_step() -> None:
 
 
 def test_the_torque_over_time_sums_to_what_is_spent() -> None:
-    course = run_course("MinTorqueMove-v0", "dpct", 18, {})
+    course = run_course("MinTorqueMove-v0", find_contender("dpct", "MinTorqueMove-v0"), 18, {})
     spent = course.measure[:-1] @ np.diff(course.t)
     assert spent == pytest.approx(course.info["torque_l1"], rel=1e-12)
 

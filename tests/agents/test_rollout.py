@@ -26,6 +26,16 @@ def test_the_episode_is_the_evaluators() -> None:
     assert info["settling_time"] == evaluation.metrics["settling_time"][0]
 
 
+def test_an_agent_acts_as_it_was_trained_to(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RolloutOptions(env=ENV_ID, policy="agent", seed=3)) == 0
+    printed = capsys.readouterr().out
+    shipped = agents.load_agent(ENV_ID)
+    evaluation = agents.evaluate(shipped, ENV_ID, [3], env_config={"control_mode": "jerk"})
+    assert f"{evaluation.returns[0]:.6g}" in printed
+    with pytest.raises(ValueError, match="leave control_mode out"):
+        run(RolloutOptions(env=ENV_ID, policy="agent", control_mode="torque"))
+
+
 def test_the_info_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper")) == 0
     out = capsys.readouterr().out
