@@ -31,6 +31,7 @@ COMMANDS = {
     "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
     "train": Command("agents.training.command", "TrainOptions", "train an agent with PPO, or go on with a run"),
+    "curves": Command("agents.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
     "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),

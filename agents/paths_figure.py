@@ -28,8 +28,13 @@ _HEADING, _LINE = 0.15, 0.17  # inches: above a panel, and for each line of its 
 _INSTANTS = 5
 _PALETTE = 256  # colours of a PNG
 
-_COLORS: dict[str, Color] = {"dpct": palette.ACCENT, "lagrange": (205, 105, 20), "apf": (122, 78, 178)}
-_OTHER_COLORS: tuple[Color, ...] = (palette.MUTED, (22, 130, 96), (160, 90, 60), palette.INK)
+_COLORS: dict[str, Color] = {
+    "dpct": palette.ACCENT,
+    "lagrange": (205, 105, 20),
+    "apf": (122, 78, 178),
+    "agent": (22, 130, 96),
+}
+_OTHER_COLORS: tuple[Color, ...] = (palette.MUTED, (160, 90, 60), (190, 60, 110), palette.INK)
 _BELT, _PART = 0.18, 0.07  # m: width of the belt, side of the part
 _BELOW_BELT = 0.3  # m: how much of the arm is shown beside the belt
 
