@@ -1,0 +1,250 @@
+"""The excavator attachment: five revolute joints and a tool, what its links weigh and what its joints may do.
+
+Joints, in order: slew, boom, arm, wrist, roll. Frames follow the standard Denavit-Hartenberg convention, base z up;
+``q2`` is the elevation of the boom; ``q5 = 90 deg`` puts the tool into the plane of the arm, pointing back to the
+machine ("bucket down"), ``-90 deg`` puts it forward ("bucket up").
+
+The chain is that of "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for
+Excavator" (2019), section 2. Its table of link parameters (Table 1) did not survive, so the numbers of `EXCAVATOR` are
+those of a typical 3.5 t machine and not of one maker's: lengths and masses scaled from published models of smaller
+ones, electric servo drives as in section 3.5 of the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+
+from planners.arm import JointLimits
+from planners.typing import Array
+
+N_JOINTS = 5
+JOINT_NAMES = ("slew", "boom", "arm", "wrist", "roll")
+
+
+@dataclass(frozen=True)
+class ChainGeometry:
+    """Denavit-Hartenberg parameters, named as in the paper (section 2): frame ``i`` is ``T(z, d) T(z, theta) T(x, a)
+    T(x, alpha)`` from frame ``i - 1``; alpha is 90, 0, 0, 90, -90, 0 degrees and what is not listed here is 0.
+
+    Attributes:
+        d1: height of the boom's joint above the base, m.
+        a2: length of the boom, m.
+        a3: length of the arm, m.
+        d4: lateral offset of the wrist from the plane of the boom, m.
+        d5: from the wrist's joint axis to the centre of the roll joint, m.
+        d6: from there to the tip of the tool, m.
+        theta6: constant angle of the tool about its own axis, rad.
+    """
+
+    d1: float
+    a2: float
+    a3: float
+    d4: float
+    d5: float
+    d6: float
+    theta6: float = 0.0
+
+    def __post_init__(self) -> None:
+        for spec in fields(self):
+            value = float(getattr(self, spec.name))
+            object.__setattr__(self, spec.name, value)
+            if not math.isfinite(value):
+                raise ValueError(f"{spec.name} is {value}; it must be finite")
+        for name in ("a2", "a3", "d6"):
+            if getattr(self, name) <= 0.0:
+                raise ValueError(f"{name} is {getattr(self, name)} m; it must be positive")
+
+    @cached_property
+    def d_array(self) -> Array:
+        """Offsets along z of the six frames, ``(6,)``, m."""
+        return np.array([self.d1, 0.0, 0.0, self.d4, self.d5, self.d6])
+
+    @cached_property
+    def a_array(self) -> Array:
+        """Lengths along x of the six frames, ``(6,)``, m."""
+        return np.array([0.0, self.a2, self.a3, 0.0, 0.0, 0.0])
+
+    @cached_property
+    def alpha_array(self) -> Array:
+        """Twists about x of the six frames, ``(6,)``, rad."""
+        return np.radians([90.0, 0.0, 0.0, 90.0, -90.0, 0.0])
+
+    @cached_property
+    def kernel_array(self) -> Array:
+        """``(d1, a2, a3, d4, d5, d6, theta6)``, the form the compiled functions take, ``(7,)``."""
+        return np.array([self.d1, self.a2, self.a3, self.d4, self.d5, self.d6, self.theta6])
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link and the drive of the joint that moves it.
+
+    Attributes:
+        mass: kg.
+        com: centre of mass in the link's own frame (the one behind its joint), m.
+        inertia: moments xx, yy, zz about the centre of mass, axes of the own frame, kg m^2; products are 0.
+        actuator_inertia: of motor and gear, felt at the joint, kg m^2 (``Ia`` in the paper).
+        friction: viscous friction of the joint, N m s/rad.
+    """
+
+    mass: float
+    com: tuple[float, float, float]
+    inertia: tuple[float, float, float]
+    actuator_inertia: float
+    friction: float
+
+    def __post_init__(self) -> None:
+        numbers = {"mass": self.mass, "actuator_inertia": self.actuator_inertia, "friction": self.friction}
+        for name, value in numbers.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} of a link is {value}; it must be finite and not negative")
+        for name in ("com", "inertia"):
+            vector = tuple(float(value) for value in getattr(self, name))
+            object.__setattr__(self, name, vector)
+            if len(vector) != 3 or not all(math.isfinite(value) for value in vector):
+                raise ValueError(f"{name} of a link is {vector}; give three finite numbers")
+        if min(self.inertia) < 0.0 or 2.0 * max(self.inertia) > sum(self.inertia) * (1.0 + 1e-12):
+            raise ValueError(f"no rigid body has moments {self.inertia} kg m^2: each is at most the sum of the others")
+
+
+@dataclass(frozen=True)
+class PayloadShape:
+    """What the tool carries: a ball of earth.
+
+    Attributes:
+        com: its centre in the frame of link 5, m.
+        density: kg/m^3.
+        rated_load: mass that a payload of 100 % stands for, kg.
+    """
+
+    com: tuple[float, float, float] = (0.0, 0.0, 0.30)
+    density: float = 1800.0
+    rated_load: float = 3500.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "com", tuple(float(value) for value in self.com))
+        if len(self.com) != 3 or not all(math.isfinite(value) for value in self.com):
+            raise ValueError(f"com of a payload is {self.com}; give three finite numbers")
+        for name, unit in (("density", "kg/m^3"), ("rated_load", "kg")):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} {value} {unit} must be finite and positive")
+
+    def mass(self, percent: float) -> float:
+        """Mass of a payload of ``percent`` of the rated load, kg."""
+        return self.rated_load * percent / 100.0
+
+    def gyration_square(self, mass: float) -> float:
+        """Moment of inertia about the own centre per kg, ``2 r^2 / 5`` of a ball of ``mass`` kg, m^2.
+
+        Raises:
+            ValueError: if the mass is negative or not finite.
+        """
+        if not (math.isfinite(mass) and mass >= 0.0):
+            raise ValueError(f"payload mass {mass} kg must be finite and not negative")
+        radius = math.cbrt(3.0 * mass / (4.0 * math.pi * self.density))
+        return 0.4 * radius**2
+
+    @cached_property
+    def com_array(self) -> Array:
+        """`com` as an array, ``(3,)``, m."""
+        return np.array(self.com)
+
+
+@dataclass(frozen=True)
+class Excavator:
+    """An attachment of five joints and a tool.
+
+    Attributes:
+        name: what messages and tables call it.
+        geometry: lengths and offsets of the chain.
+        links: the five links, from the slewing house to the rolling bucket.
+        limits: torque, speed and angle of the five joints; every joint turns symmetrically about 0.
+        payload: where a payload sits and how it grows.
+        gravity: along -z, m/s^2.
+    """
+
+    name: str
+    geometry: ChainGeometry
+    links: tuple[Link, ...]
+    limits: JointLimits
+    payload: PayloadShape = field(default_factory=PayloadShape)
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "links", tuple(self.links))
+        if len(self.links) != N_JOINTS or len(self.limits.torque) != N_JOINTS:
+            raise ValueError(
+                f"{self.name}: {len(self.links)} links and limits of {len(self.limits.torque)} joints; "
+                f"the chain has {N_JOINTS} of both"
+            )
+        if not math.isfinite(self.gravity):
+            raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints, 5: the tool's sixth angle is constant."""
+        return N_JOINTS
+
+    @cached_property
+    def mass_array(self) -> Array:
+        """Link masses, ``(5,)``, kg."""
+        return np.array([link.mass for link in self.links])
+
+    @cached_property
+    def com_array(self) -> Array:
+        """Centres of mass in the links' own frames, ``(5, 3)``, m."""
+        return np.array([link.com for link in self.links])
+
+    @cached_property
+    def inertia_array(self) -> Array:
+        """Moments xx, yy, zz about the centres of mass, ``(5, 3)``, kg m^2."""
+        return np.array([link.inertia for link in self.links])
+
+    @cached_property
+    def actuator_inertia_array(self) -> Array:
+        """Inertias of the drives at the joints, ``(5,)``, kg m^2."""
+        return np.array([link.actuator_inertia for link in self.links])
+
+    @cached_property
+    def friction_array(self) -> Array:
+        """Viscous friction of the joints, ``(5,)``, N m s/rad."""
+        return np.array([link.friction for link in self.links])
+
+    @cached_property
+    def torque_limit_array(self) -> Array:
+        """Largest absolute joint torques, ``(5,)``, N m."""
+        return np.array(self.limits.torque)
+
+    @cached_property
+    def velocity_limit_array(self) -> Array:
+        """Largest absolute joint speeds, ``(5,)``, rad/s."""
+        return np.array(self.limits.velocity)
+
+    @cached_property
+    def angle_limit_array(self) -> Array:
+        """Largest absolute joint angles, ``(5,)``, rad."""
+        return np.array(self.limits.angle)
+
+
+EXCAVATOR = Excavator(
+    name="EXCAVATOR",
+    geometry=ChainGeometry(d1=0.90, a2=2.45, a3=1.40, d4=0.20, d5=0.35, d6=0.55),
+    links=(
+        Link(1900.0, com=(-0.35, -0.25, 0.0), inertia=(900.0, 1500.0, 1100.0), actuator_inertia=300.0, friction=400.0),
+        Link(270.0, com=(-1.23, 0.36, 0.0), inertia=(8.0, 115.0, 118.0), actuator_inertia=300.0, friction=1200.0),
+        Link(165.0, com=(-0.85, 0.12, 0.0), inertia=(3.0, 30.0, 31.0), actuator_inertia=150.0, friction=700.0),
+        Link(60.0, com=(0.0, 0.0, 0.12), inertia=(1.2, 1.2, 0.9), actuator_inertia=80.0, friction=250.0),
+        Link(120.0, com=(0.0, 0.0, 0.25), inertia=(7.0, 7.5, 4.5), actuator_inertia=40.0, friction=80.0),
+    ),
+    limits=JointLimits(
+        torque=(8e3, 45e3, 22e3, 10e3, 4e3),
+        velocity=(0.94, 0.70, 0.80, 1.60, 1.60),
+        angle=(math.radians(150.0),) * N_JOINTS,
+    ),
+)
+"""A typical 3.5 t machine: reach 4.2 m, slew 9 rpm, joints within +-150 deg (the paper's "within 150 degrees")."""

@@ -1,0 +1,53 @@
+"""Machines and postures that the tests of the excavator share, and how far postures miss their targets."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from planners.excavator import (
+    EXCAVATOR,
+    ChainGeometry,
+    Excavator,
+    forward_kinematics,
+)
+from planners.typing import Array
+
+LIMIT = math.radians(150.0)
+POSTURE = np.radians([-30.0, 40.0, -70.0, 30.0, 90.0])
+ODD_GEOMETRIES = [
+    ChainGeometry(d1=0.3, a2=1.1, a3=1.7, d4=-0.4, d5=0.2, d6=0.8, theta6=0.7),
+    ChainGeometry(d1=-0.5, a2=2.0, a3=2.0, d4=0.0, d5=0.0, d6=0.1, theta6=-2.9),
+    ChainGeometry(d1=0.0, a2=0.9, a3=0.4, d4=0.05, d5=-0.6, d6=0.3),
+]
+
+
+def with_geometry(geometry: ChainGeometry) -> Excavator:
+    return dataclasses.replace(EXCAVATOR, name="test machine", geometry=geometry)
+
+
+MACHINES = [EXCAVATOR, *map(with_geometry, ODD_GEOMETRIES)]
+every_machine = pytest.mark.parametrize("machine", MACHINES, ids=["excavator", "odd-1", "odd-2", "odd-3"])
+
+
+def random_postures(count: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).uniform(-LIMIT, LIMIT, (count, 5))
+
+
+def pose_error(q: Array, tip: Array, axis: Array, machine: Excavator = EXCAVATOR) -> tuple[float, float]:
+    """Largest distance of the tips (m) and of the axes from the targets, over every branch that exists."""
+    reached_tip, reached_axis = forward_kinematics(q, machine)
+    there = np.isfinite(q).all(axis=-1)
+    return (
+        float(np.linalg.norm(reached_tip - tip[..., None, :], axis=-1)[there].max()),
+        float(np.linalg.norm(reached_axis - axis[..., None, :], axis=-1)[there].max()),
+    )
+
+
+def seed_error(branches: Array, seed: Array) -> float:
+    """How far the branch closest to the posture that made the target is from it, at worst, rad."""
+    distance = np.abs(branches - seed[..., None, :]).max(axis=-1)
+    return float(np.where(np.isnan(distance), np.inf, distance).min(axis=-1).max())
