@@ -36,6 +36,7 @@ COMMANDS = {
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
     "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
     "paper-apf": Command("agents.paper_apf", "PaperApfOptions", "the potential-field paper's results again"),
+    "paper-excavator": Command("agents.paper_excavator", "PaperExcavatorOptions", "the payload paper's results again"),
 }
 
 DESCRIPTION = """\

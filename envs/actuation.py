@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -9,17 +10,19 @@ from numba import njit
 
 from envs.world import Records, advance
 from planners.arm import Arm
-from planners.control import held_torque_lane
+from planners.control import held_torque_lane, share_within
 from planners.dynamics import mass_matrix_lane
 from planners.smoothness import smooth_bounds
 from planners.typing import Array
 
-ControlMode = Literal["torque", "acceleration", "jerk"]
-CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk")
+ControlMode = Literal["torque", "acceleration", "jerk", "velocity"]
+CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk", "velocity")
 LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
-_TORQUE, _ACCELERATION = 0, 1  # positions in CONTROL_MODES
+_TORQUE, _ACCELERATION, _JERK = 0, 1, 2  # positions in CONTROL_MODES
 _PROJECTIONS = 60
 _TORQUE_SLACK = 1e-5  # share of a torque limit that is left to saturation
+_VELOCITY_SHARE, _TORQUE_SHARE = 0.998, 0.98  # used in velocity mode: what is held for a period is not quite kept in it
+_RANGE_MARGIN = 0.01  # how far from the end of its range a joint stops in velocity mode, rad
 
 
 def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
@@ -64,7 +67,7 @@ def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_
 
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
-    """What an action of 1 stands for, ``(n,)``: N m, rad/s^2 or rad/s^3."""
+    """What an action of 1 stands for, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
     return np.array(getattr(arm.limits, control_mode))
 
 
@@ -96,8 +99,10 @@ def command(lane: Any, model: Any, action: Array) -> None:
         held_torque_lane(
             model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, model.control_period, lane.tau
         )
-    else:
+    elif model.control_mode == _JERK:
         command_smoothly(lane, model, share)
+    else:
+        command_velocity(lane, model, share)
     for i in range(n):
         lane.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
     lane.qd_before[:] = lane.qd
@@ -148,6 +153,45 @@ def command_smoothly(lane: Any, model: Any, share: Array) -> None:
         for i in range(n):
             moved = lane.commanded_qdd[i] - row[i] * excess / scale
             lane.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
+
+
+@njit(cache=True, nogil=True)
+def command_velocity(lane: Any, model: Any, share: Array) -> None:
+    """Find the torques that bring the joints to velocities (shares of the limits) by the end of the period.
+
+    As far, that is, as the limits of acceleration and torque let them; a joint is braked in time before the end of its
+    range, with half of its acceleration, which leaves torque for the others.
+    """
+    n = lane.q.shape[0]
+    period = model.control_period
+    for i in range(n):
+        speed, top, hardest = lane.qd[i], _VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
+        end = model.limits[4, i] - _RANGE_MARGIN
+        fastest = _braked_in_time(end - lane.q[i], speed, 0.5 * hardest, period)
+        slowest = -_braked_in_time(end + lane.q[i], -speed, 0.5 * hardest, period)
+        wanted = min(fastest, max(slowest, share[i] * top))
+        lane.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
+    still = np.empty(n)
+    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, np.zeros(n), period, still)
+    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+    fitting = 1.0
+    for i in range(n):
+        fitting = min(fitting, share_within(still[i], lane.tau[i], _TORQUE_SHARE * model.limits[0, i]))
+    if fitting < 1.0:
+        for i in range(n):
+            lane.commanded_qdd[i] *= fitting
+        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+
+
+@njit(cache=True, nogil=True)
+def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
+    """The velocity at the end of a period, begun with velocity v, from which a joint can just be braked in its room.
+
+    ``(v + w) T / 2 + w^2 / (2 a) = room``, solved for w.
+    """
+    left = room - 0.5 * v * period
+    half = 0.5 * a * period
+    return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from envs.actuation import ControlMode
 from envs.arm_env import PlanarArmEnv, PlanarArmVectorEnv
 from envs.conveyor_kernels import LANE_FIELDS, MODEL_FIELDS, advance_lanes, reset_lane
 from envs.conveyor_starts import PAPER_START, Demands, Start, draw_starts, require_solvable
@@ -32,6 +33,7 @@ class ConveyorTrackConfig(TaskSettings):
         limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
     """
 
+    control_mode: ControlMode = "torque"
     horizon: float = Field(3.0, gt=0.0, le=60.0)
     control_period: float = Field(0.02, gt=0.0)
     physics_step: float = Field(0.002, gt=0.0)
@@ -211,9 +213,10 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
     ## Action
     Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
-    `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2) or `"jerk"` (2.3 and 2.0 rad/s^3). The last two go
-    through inverse dynamics. Jerk is integrated and clipped so that the velocity, acceleration and jerk limits hold
-    by construction. The torque limits are the actuator's own and always hold.
+    `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
+    rad/s, at the end of the period). The last three go through inverse dynamics. Jerk is integrated and clipped so that
+    the velocity, acceleration and jerk limits hold by construction; a velocity is approached so that all but the
+    jerk's hold. The torque limits are the actuator's own and always hold.
 
     ## Observation
     Each element is a physical value divided by a fixed scale, clipped at the bound.

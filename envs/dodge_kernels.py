@@ -13,7 +13,7 @@ from envs.lane import begin_episode, finish_observation, limit_cost, sum_reward
 from envs.obstacle_path import PATH_STEP
 from envs.world import read_joint_state, step_physics
 from planners.clearance import clearance_lane
-from planners.kinematics import hand_state_lane
+from planners.kinematics import hand_state_lane, two_link_branch
 
 
 def lane_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
@@ -26,6 +26,7 @@ def lane_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
         ("radii", "f8", (discs,)),
         ("discs", "f8", (discs, 2)),
         ("disc_velocities", "f8", (discs, 2)),
+        ("disc_velocities_before", "f8", (discs, 2)),
         ("start_distance", "f8"),
         ("distance", "f8"),
         ("clearance", "f8"),
@@ -56,6 +57,7 @@ def reset_lane(lanes: Any, model: Any, index: int) -> None:
     lane.held_steps = 0
     lane.collision = False
     move_discs(lane, 0.0)
+    lane.disc_velocities_before[:] = lane.disc_velocities
     lane.clearance = lane.min_clearance = measure_clearance(lane, shared)
     hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
     lane.distance = _goal_distance(lane)
@@ -70,6 +72,7 @@ def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
     for index in range(first, last):
         lane = lanes[index]
         command(lane, shared, lane.action)
+        lane.disc_velocities_before[:] = lane.disc_velocities
         closest = _move_among_discs(lane, shared)
         worst_ratio = finish_period(lane, shared)
         lane.step += 1
@@ -162,7 +165,48 @@ def _observe(lane: Any, shared: Any) -> None:
             seen[place + 2 * discs + 2 * disc + axis] = lane.disc_velocities[disc, axis]
         seen[place + 4 * discs + disc] = lane.radii[disc]
     place += 5 * discs
+    _observe_postures(lane, shared, place)
+    _observe_from_links(lane, shared, place + 4)
+    place += 4 + 12 * discs
     seen[place] = lane.clearance
     seen[place + 1] = (shared.horizon_steps - lane.step) * shared.control_period
     seen[place + 2] = min(1.0, lane.held_steps / shared.hold_steps)
     finish_observation(lane, shared)
+
+
+@njit(cache=True, nogil=True)
+def _observe_postures(lane: Any, shared: Any, place: int) -> None:
+    """What is left to both postures with the hand at the goal."""
+    x, y = lane.goal[0] - shared.base[0], lane.goal[1] - shared.base[1]
+    for branch in range(2):
+        q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
+        lane.seen[place + 2 * branch] = q1 - lane.q[0]
+        lane.seen[place + 2 * branch + 1] = q2 - lane.q[1]
+
+
+@njit(cache=True, nogil=True)
+def _observe_from_links(lane: Any, shared: Any, place: int) -> None:
+    """Discs as the links see them: position, velocity, acceleration and clearance, entry by entry."""
+    seen = lane.seen
+    discs = lane.radii.shape[0]
+    velocities, accelerations, clearances = place + 4 * discs, place + 8 * discs, place + 10 * discs
+    for disc in range(discs):
+        x, y = lane.discs[disc, 0] - shared.base[0], lane.discs[disc, 1] - shared.base[1]
+        vx, vy = lane.disc_velocities[disc]
+        ax = (vx - lane.disc_velocities_before[disc, 0]) / shared.control_period
+        ay = (vy - lane.disc_velocities_before[disc, 1]) / shared.control_period
+        angle = 0.0
+        for link in range(2):
+            angle += lane.q[link]
+            c, s = math.cos(angle), math.sin(angle)
+            along, across = c * x + s * y, c * y - s * x
+            at = 4 * disc + 2 * link
+            seen[place + at], seen[place + at + 1] = along, across
+            seen[velocities + at], seen[velocities + at + 1] = c * vx + s * vy, c * vy - s * vx
+            if link == 0:
+                seen[accelerations + 2 * disc] = c * ax + s * ay
+                seen[accelerations + 2 * disc + 1] = c * ay - s * ax
+            beyond = along - min(shared.lengths[link], max(0.0, along))
+            gap = math.hypot(beyond, across) - shared.link_radius - lane.radii[disc]
+            seen[clearances + 2 * disc + link] = gap
+            x, y = x - shared.lengths[link] * c, y - shared.lengths[link] * s

@@ -10,14 +10,18 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from envs.actuation import ControlMode
 from envs.arm_env import PlanarArmEnv, PlanarArmVectorEnv
-from envs.move_kernels import LANE_FIELDS, MODEL_FIELDS, advance_lanes, reset_lane
+from envs.move_kernels import LANE_FIELDS, MODEL_FIELDS, SHAPE_SCALE, advance_lanes, reset_lane
 from envs.observation import Entry, Layout, Observation
 from envs.rendering import Scene
 from envs.settings import Settings
 from envs.task import Options, Task, TaskSettings
 from planners import PLANAR_3R, FixedJoints, Infeasible, MotionProblem, lagrange, quintic
+from planners.arm import Arm
+from planners.control import Gains
 from planners.lagrange.moves import Move, random_move
+from planners.rest_curve import SHAPES
 
 Angles = tuple[float, float, float]
 
@@ -35,7 +39,7 @@ class MinTorqueMoveConfig(TaskSettings):
         miss_penalty: cost of ending just outside the tolerances; twice that where far outside.
     """
 
-    control_mode: Literal["torque"] = "torque"
+    control_mode: Literal["torque", "motion"] = "torque"
     control_period: float = Field(0.005, gt=0.0)
     physics_step: float = Field(0.001, gt=0.0)
     horizon: float = Field(3.0, gt=0.0, le=60.0)
@@ -93,7 +97,20 @@ class MinTorqueMove(Task):
     def __init__(self, config: MinTorqueMoveConfig, n_lanes: int) -> None:
         arm = replace(PLANAR_3R, gravity=config.gravity)
         super().__init__(config, arm, n_lanes, extra_lane=LANE_FIELDS, extra_model=MODEL_FIELDS)
+        gains = Gains.sampled(config.control_period)
+        self.model["position_gain"], self.model["velocity_gain"] = gains.position, gains.velocity
+        self.model["whole_motion"] = config.control_mode == "motion"
         self._copy_settings("angle_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty", "miss_penalty")
+
+    @staticmethod
+    def action_size(config: Any, arm: Arm) -> int:
+        """Numbers in an action: a torque a joint, or all coefficients of a motion."""
+        return arm.n_joints * (SHAPES if config.control_mode == "motion" else 1)
+
+    @staticmethod
+    def actuation_mode(config: Any) -> ControlMode:
+        """A motion is followed by torques."""
+        return "torque"
 
     @classmethod
     def make(cls, config: Mapping[str, Any], n_lanes: int) -> MinTorqueMove:
@@ -210,7 +227,13 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     joints 2 and 3.
 
     ## Action
-    Three torques in [-1, 1], shares of (20, 10, 5) N m; larger ones are clipped, NaN is refused.
+    Numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
+
+    * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
+    * `"motion"`: {SHAPES} coefficients for each joint in turn, in units of {SHAPE_SCALE:g}, {SHAPE_SCALE:g}/2, ...
+      rad, which bend the quintic from start to goal (`planners.rest_curve`). The first action of an episode is the
+      whole motion: computed torque follows it to the end, and later actions are not looked at.
+      No expert acts in this mode.
 
     ## Observation
     Each element is a physical value divided by a fixed scale, clipped at the bound.
@@ -251,8 +274,8 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     | `limit_ratios` | at the end | worst value / limit of each kind |
 
     ## Arguments
-    The fields of `MinTorqueMoveConfig`: `control_period`, `physics_step`, `horizon`, `payload`, `gravity`,
-    `angle_tolerance`, `velocity_tolerance`, `limit_tolerance`, `limit_penalty`, `miss_penalty`.
+    The fields of `MinTorqueMoveConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
+    `gravity`, `angle_tolerance`, `velocity_tolerance`, `limit_tolerance`, `limit_penalty`, `miss_penalty`.
 
     ## Version history
     * v0: first version.

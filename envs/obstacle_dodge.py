@@ -35,7 +35,7 @@ class ObstacleDodgeConfig(TaskSettings):
         limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
     """
 
-    control_mode: Literal["torque", "acceleration"] = "torque"
+    control_mode: Literal["torque", "acceleration", "velocity"] = "torque"
     horizon: float = Field(8.0, gt=0.0, le=60.0)
     control_period: float = Field(0.02, gt=0.0)
     physics_step: float = Field(0.0025, gt=0.0)
@@ -63,6 +63,11 @@ def layout(discs: int) -> Layout:
             Entry("obstacle", 2 * discs, 1.0, 10.0, "m", "position of each disc, from the base"),
             Entry("obstacle_velocity", 2 * discs, 1.0, 10.0, "m/s", "velocity of each disc"),
             Entry("obstacle_radius", discs, 0.1, 10.0, "m", "radius of each disc"),
+            Entry("posture_error", 4, 1.0, 8.0, "rad", "from the joints to both postures with the hand at the goal"),
+            Entry("obstacle_in_link", 4 * discs, 1.0, 10.0, "m", "position of each disc, in the frame of each link"),
+            Entry("obstacle_velocity_in_link", 4 * discs, 1.0, 10.0, "m/s", "velocity along the axes of each link"),
+            Entry("obstacle_acceleration", 2 * discs, 10.0, 2.0, "m/s^2", "of each disc, along the axes of link 1"),
+            Entry("link_clearance", 2 * discs, 0.5, 10.0, "m", "between the surfaces of each link and each disc"),
             Entry("clearance", 1, 0.5, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
             Entry("time_left", 1, 8.0, 10.0, "s", "until the episode ends"),
             Entry("held", 1, 1.0, 1.0, "-", "share of the hold time for which the hand has been at the goal"),
@@ -202,7 +207,8 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
     ## Action
     Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale: `"torque"`
-    (10 and 4 N m) or `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics).
+    (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (2.4 rad/s at the end
+    of the period, as nearly as the limits allow: all of them hold by construction).
 
     ## Observation
     Each element is a physical value divided by a fixed scale, clipped at the bound. With `num_obstacles` discs the

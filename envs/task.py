@@ -36,14 +36,14 @@ class TaskSettings(Settings):
     """Settings that every task has.
 
     Attributes:
-        control_mode: what an action means: ``torque``, ``acceleration`` or ``jerk``.
+        control_mode: what an action means.
         control_period: time for which an action is held, s.
         physics_step: time of one step of the physics, s.
         horizon: length of an episode, s.
         payload: point mass at the hand that no policy is told, kg.
     """
 
-    control_mode: ControlMode = "torque"
+    control_mode: str = "torque"
     control_period: float = 0.02
     physics_step: float = 0.002
     horizon: float = 3.0
@@ -76,7 +76,7 @@ class Task(ABC):
         self.n_lanes = n_lanes
         self.horizon_steps = self._whole_periods("horizon", config.horizon)
         common: Fields = [
-            ("action", "f8", (n,)),
+            ("action", "f8", (self.action_size(config, arm),)),
             ("seen", "f8", (self.layout.size,)),
             ("observation", "f4", (self.layout.size,)),
             ("reward_terms", "f8", (len(self.reward_terms),)),
@@ -94,7 +94,7 @@ class Task(ABC):
         self.model = np.zeros(1, model_type)
         self.model["scales"], self.model["bounds"] = self.layout.scales, self.layout.bounds
         self.model["horizon_steps"] = self.horizon_steps
-        fill_actuation(self.model, arm, config.control_mode, config.control_period)
+        fill_actuation(self.model, arm, self.actuation_mode(config), config.control_period)
         self._world = World(
             arm.with_payload(config.payload),
             self.lanes,
@@ -167,9 +167,20 @@ class Task(ABC):
         ratios = dict(zip(LIMIT_KINDS, self.lanes["limit_ratios"][lane].tolist(), strict=True))
         return {"limit_ratio": max(ratios.values()), "limit_ratios": ratios}
 
+    @staticmethod
+    def action_size(config: Any, arm: Arm) -> int:
+        """Numbers in an action: one a joint, unless a task has other actions too."""
+        return arm.n_joints
+
+    @staticmethod
+    def actuation_mode(config: Any) -> ControlMode:
+        """What the kernels take for actions: what the policy gives, unless a task makes that into something else."""
+        mode: ControlMode = config.control_mode
+        return mode
+
     def action_space(self) -> gym.spaces.Box:
-        """The action space of one lane: one number in [-1, 1] a joint."""
-        return gym.spaces.Box(-1.0, 1.0, (self.arm.n_joints,), np.float32)
+        """The action space of one lane: numbers in [-1, 1]."""
+        return gym.spaces.Box(-1.0, 1.0, self.lanes["action"].shape[1:], np.float32)
 
     def _hold_steps(self, hold_time: float) -> int:
         """A hold time, s, in control periods; refused where an episode is too short for it."""

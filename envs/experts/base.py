@@ -32,7 +32,12 @@ class Expert(ABC):
         self.planning_seconds = 0.0
         self.infeasible = 0
         self._memory: Any = None
-        self._scale = action_scale(task.arm, task.config.control_mode)
+        if task.action_space().shape != (task.arm.n_joints,):
+            raise ValueError(
+                f"experts act at every instant, and control_mode {task.config.control_mode!r} of {task.env_id} takes "
+                "another kind of action; leave it out"
+            )
+        self._scale = action_scale(task.arm, task.actuation_mode(task.config))
 
     def predict(
         self,
@@ -81,6 +86,8 @@ class Expert(ABC):
             wanted = qdd
         elif config.control_mode == "jerk":
             wanted = (qdd - seen["joint_acceleration"]) / config.control_period
+        elif config.control_mode == "velocity":
+            wanted = seen["joint_velocity"] + config.control_period * qdd
         else:
             q, qd = seen["joint_position"], seen["joint_velocity"]
             wanted = held_torque(self.task.arm, q, qd, qdd, config.control_period)

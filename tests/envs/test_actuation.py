@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import envs  # noqa: F401  (registers the ids)
+from envs.actuation import LIMIT_KINDS
 from planners import SCARA_1M
 from planners.smoothness import smooth_bounds
 
@@ -48,6 +49,30 @@ def test_jerk_is_integrated() -> None:
     for k in range(1, 4):
         expected = [0.5 * 2.3 * PERIOD * k, -0.5 * 2.0 * PERIOD * k]
         assert mean_acceleration(env, [0.5, -0.5]) == pytest.approx(expected, rel=1e-4)
+
+
+def test_velocity_is_a_share_of_the_limit_at_the_end_of_a_period() -> None:
+    env = gym.make("ObstacleDodge-v0", control_mode="velocity").unwrapped
+    env.reset(seed=0)
+    env.step(np.array([0.05, -0.1], dtype=np.float32))
+    assert env.joint_state()[1] == pytest.approx([0.12 * 0.998, -0.24 * 0.998], rel=1e-2)  # type: ignore[attr-defined]
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), hold=st.integers(1, 60))
+def test_velocity_control_keeps_every_limit_by_construction(seed: int, hold: int) -> None:
+    """Whatever a policy asks for, in bursts of any length: into both ends of the ranges, too."""
+    far_away = {"obstacle_paths": (((9.0, 9.0),),)}
+    vector = gym.make_vec("ObstacleDodge-v0", num_envs=8, control_mode="velocity", horizon=4.0)
+    vector.reset(seed=seed % 10_000, options=far_away)
+    generator = np.random.default_rng(seed)
+    for step in range(199):
+        if step % hold == 0:
+            actions = generator.choice([-1.0, 1.0], (8, 2)).astype(np.float32)
+        vector.step(actions)
+    ratios = vector.unwrapped.task.lanes["limit_ratios"]  # type: ignore[attr-defined]
+    assert ratios[:, LIMIT_KINDS.index("jerk")].max() == 0.0  # this arm has no such limit
+    assert ratios.max() <= 1.005
 
 
 @settings(max_examples=15, deadline=None)

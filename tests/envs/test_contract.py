@@ -19,7 +19,7 @@ from envs.experts import EXPERTS
 MODES: dict[str, tuple[str, ...]] = {
     "ConveyorTrack-v0": CONTROL_MODES,
     "MinTorqueMove-v0": ("torque",),
-    "ObstacleDodge-v0": ("torque", "acceleration"),
+    "ObstacleDodge-v0": ("torque", "acceleration", "velocity"),
 }
 CONSTANT_ENTRIES = {
     "ConveyorTrack-v0": {"part_acceleration", "settled"},  # the belt's, 0 unless configured; 0 until the part is met

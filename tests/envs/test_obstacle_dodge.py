@@ -110,6 +110,37 @@ def test_the_observed_velocity_is_of_the_past() -> None:
         np.testing.assert_allclose(layout.parse(observation)["obstacle_velocity"], wanted, atol=1e-6)
 
 
+def test_what_is_seen_from_the_links() -> None:
+    """Against the arm's own kinematics, after some motion."""
+    env = gym.make(ENV, num_obstacles=2)
+    env.reset(seed=5)
+    task = env.unwrapped.task  # type: ignore[attr-defined]
+    velocities = []
+    for _ in range(12):
+        observation, *_ = env.step(np.array([0.4, -0.3], dtype=np.float32))
+        seen = task.layout.parse(observation)
+        velocities.append(seen["obstacle_velocity"].reshape(2, 2))
+    q, goal = seen["joint_position"], seen["goal"]
+    branches = task.arm.inverse_kinematics(goal + task.arm.base_array)
+    np.testing.assert_allclose(seen["posture_error"].reshape(2, 2) + q, branches, atol=1e-5)
+    turn = (velocities[-1] - velocities[-2]) / 0.02
+    joints = task.arm.joint_positions(q)
+    for disc, position in enumerate(seen["obstacle"].reshape(2, 2) + task.arm.base_array):
+        for link, angle in enumerate(np.cumsum(q)):
+            frame = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            near = {
+                name: seen[name].reshape(2, 2, 2)[disc, link]
+                for name in ("obstacle_in_link", "obstacle_velocity_in_link")
+            }
+            np.testing.assert_allclose(near["obstacle_in_link"], frame @ (position - joints[link]), atol=1e-5)
+            np.testing.assert_allclose(near["obstacle_velocity_in_link"], frame @ velocities[-1][disc], atol=1e-5)
+            if link == 0:
+                np.testing.assert_allclose(
+                    seen["obstacle_acceleration"].reshape(2, 2)[disc], frame @ turn[disc], atol=1e-3
+                )
+    assert seen["link_clearance"].min() == pytest.approx(seen["clearance"][0], abs=1e-6)
+
+
 def test_the_least_clearance_is_that_of_the_whole_arm() -> None:
     env = gym.make(ENV, physics_step=0.0025)
     env.reset(options={"start": (0.0, 0.5), "obstacle_paths": (((0.3, 1.0), (0.3, 0.3)),), "goal": (0.2, -0.6)})

@@ -1,0 +1,216 @@
+"""The runs behind `planarm paper-excavator`: every controller with every payload, and in an arm it knows badly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.excavator import EXCAVATOR, Excavator, forward_kinematics
+from planners.excavator.controllers import make_controller
+from planners.excavator.dynamics import ChainDynamics, payload
+from planners.excavator.motion import WORK_CYCLE
+from planners.excavator.simulation import Plant, Run, simulate
+from planners.typing import Array
+
+ROUGH_PAYLOADS = (2.0, 10.0)
+"""% of the rated load, in an arm that the controller knows badly."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A controller and what it learns: see :func:`planners.excavator.controllers.make_controller`."""
+
+    title: str
+    controller: str
+    moments: bool = False
+
+
+CONTENDERS = (
+    Contender("PD + gravity", "pd-gravity"),
+    Contender("computed torque", "computed-torque"),
+    Contender("computed torque + I", "integral-computed-torque"),
+    Contender("the paper's, mass", "adaptive-computed-torque"),
+    Contender("the paper's, mass + moments", "adaptive-computed-torque", moments=True),
+    Contender("Slotine-Li, mass", "slotine-li"),
+    Contender("Slotine-Li, mass + moments", "slotine-li", moments=True),
+    Contender("Slotine-Li + I, mass", "integral-slotine-li"),
+    Contender("Slotine-Li + I, mass + moments", "integral-slotine-li", moments=True),
+)
+FIXED, INTEGRAL, PAPER, DEFAULT = CONTENDERS[1], CONTENDERS[2], CONTENDERS[3], CONTENDERS[-1]
+
+
+@dataclass(frozen=True)
+class Case:
+    """How an arm differs from the one that the controller knows.
+
+    Attributes:
+        title: what tables call it.
+        lag: of the actuators, s.
+        noise: standard deviations of measured angle and velocity, rad and rad/s.
+        friction: factor on it.
+        offset: of the payload's centre, in the frame of link 5, m.
+        links: factors on masses and inertias of the links.
+    """
+
+    title: str
+    lag: float = 0.0
+    noise: tuple[float, float] = (0.0, 0.0)
+    friction: float = 1.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    links: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)
+
+
+NOISE, LINKS = (1e-4, 5e-3), (1.05, 0.95, 1.05, 0.95, 1.05)
+NOMINAL = Case("nothing")
+CENTRE_OFF = Case("centre off", offset=(0.10, 0.15, 0.0))
+ALL_TOGETHER = Case("all together", lag=0.03, noise=NOISE, friction=1.5, offset=(0.05, 0.08, 0.03), links=LINKS)
+CASES = (
+    NOMINAL,
+    Case("lag 30 ms", lag=0.03),
+    Case("lag 100 ms", lag=0.1),
+    Case("noise", noise=NOISE),
+    Case("friction +50 %", friction=1.5),
+    CENTRE_OFF,
+    Case("links +-5 %", links=LINKS),
+    ALL_TOGETHER,
+)
+
+
+@dataclass(frozen=True)
+class CycleErrors:
+    """Errors over one cycle, root mean square of its samples.
+
+    Attributes:
+        position, velocity: of each joint, ``(5,)``, rad and rad/s.
+        joints: of all five angles together, rad.
+        tip, tip_peak: distance of the tip from where it should be, and the largest, m.
+        mass_error: largest absolute error of the estimated mass, kg.
+        mass_estimate: at the end of the cycle, kg.
+    """
+
+    position: Array
+    velocity: Array
+    joints: float
+    tip: float
+    tip_peak: float
+    mass_error: float
+    mass_estimate: float
+
+
+@dataclass(frozen=True)
+class PayloadRow:
+    """One controller with one payload.
+
+    Attributes:
+        controller: its title.
+        case: of the arm.
+        percent: the payload, % of the rated load.
+        mass: the same, kg.
+        first, last: errors of the first and of the last cycle.
+        torque_ratio: largest torque over its limit.
+    """
+
+    controller: str
+    case: str
+    percent: float
+    mass: float
+    first: CycleErrors
+    last: CycleErrors
+    torque_ratio: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What all runs have in common: the machine, the number of cycles and the control period (s)."""
+
+    machine: Excavator = EXCAVATOR
+    cycles: int = 3
+    period: float = 0.005
+
+    def follow(
+        self,
+        contender: Contender,
+        percents: Sequence[float],
+        cases: Sequence[Case],
+        progress: Callable[[], object] = lambda: None,
+    ) -> Run:
+        """One controller with a payload (%) and a case for each lane."""
+        shape = self.machine.payload
+        lanes = list(zip(percents, cases, strict=True))
+        plant = Plant.loaded(
+            ChainDynamics.of_excavator(self.machine),
+            np.array([payload(shape.mass(percent), self.machine, case.offset) for percent, case in lanes]),
+            link_scale=np.array([case.links for case in cases]),
+            friction_scale=np.array([case.friction for case in cases]),
+            lag=np.array([case.lag for case in cases]),
+            noise=np.array([case.noise for case in cases]),
+        )
+        controller = make_controller(
+            contender.controller,
+            moments=contender.moments,
+            lanes=plant.lanes,
+            period=self.period,
+            machine=self.machine,
+        )
+        return simulate(controller, plant, WORK_CYCLE, self.cycles, progress=progress)
+
+    def rows(
+        self,
+        contender: Contender,
+        percents: Sequence[float],
+        cases: Sequence[Case],
+        progress: Callable[[], object] = lambda: None,
+    ) -> Iterator[PayloadRow]:
+        """The same, in numbers."""
+        run = self.follow(contender, percents, cases, progress)
+        tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
+        distance = np.linalg.norm(tip, axis=-1)
+        for lane, (percent, case) in enumerate(zip(percents, cases, strict=True)):
+            mass = self.machine.payload.mass(percent)
+            first, last = (self._errors(run, distance, lane, mass, cycle) for cycle in (0, self.cycles - 1))
+            yield PayloadRow(
+                controller=contender.title,
+                case=case.title,
+                percent=percent,
+                mass=mass,
+                first=first,
+                last=last,
+                torque_ratio=float((np.abs(run.tau[:, lane]) / self.machine.torque_limit_array).max()),
+            )
+
+    def _errors(self, run: Run, distance: Array, lane: int, mass: float, cycle: int) -> CycleErrors:
+        length = len(run.t) // self.cycles
+        span = slice(cycle * length, (cycle + 1) * length)
+        position = run.q[span, lane] - run.q_d[span]
+        return CycleErrors(
+            position=_rms(position),
+            velocity=_rms(run.qd[span, lane] - run.qd_d[span]),
+            joints=float(np.sqrt(np.square(position).mean())),
+            tip=float(np.sqrt(np.square(distance[span, lane]).mean())),
+            tip_peak=float(distance[span, lane].max()),
+            mass_error=float(np.abs(run.mass[span, lane] - mass).max()),
+            mass_estimate=float(run.mass[span, lane][-1]),
+        )
+
+
+def payload_rows(
+    trial: Trial, percents: Sequence[float], progress: Callable[[], object] = lambda: None
+) -> Iterator[PayloadRow]:
+    """Every controller with every payload (%), in the arm that it knows."""
+    for contender in CONTENDERS:
+        yield from trial.rows(contender, percents, [NOMINAL] * len(percents), progress)
+
+
+def rough_rows(trial: Trial, progress: Callable[[], object] = lambda: None) -> Iterator[PayloadRow]:
+    """Every controller with `ROUGH_PAYLOADS` in every case."""
+    for contender in CONTENDERS:
+        percents = [percent for percent in ROUGH_PAYLOADS for _ in CASES]
+        yield from trial.rows(contender, percents, CASES * len(ROUGH_PAYLOADS), progress)
+
+
+def _rms(errors: Array) -> Array:
+    """Root mean square over the first axis."""
+    mean: Array = np.square(errors).mean(axis=0)
+    return np.sqrt(mean)

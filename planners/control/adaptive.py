@@ -1,0 +1,119 @@
+"""Controllers that learn the payload while they carry it.
+
+Estimates start at the prior, change by a law that a Lyapunov function gives, and stay within the prior's bounds. The
+laws hold in continuous time; sampled, they take one step of Euler a period.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.control.controller import Controller, ControlSettings, Lanes, PayloadPrior, Sample
+from planners.control.fixed import ComputedTorque
+from planners.control.model import ArmModel
+from planners.typing import Array
+
+
+class AdaptiveController(Controller):
+    """A controller with an adaptation law.
+
+    Args:
+        model, settings, lanes: as for every controller.
+        prior: first estimate and bounds of the parameters.
+        gain: Gamma, how fast each parameter follows, ``(p,)``; its unit depends on the law.
+    """
+
+    def __init__(
+        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
+    ) -> None:
+        if np.shape(gain) != (model.n_parameters,) or not np.all(np.asarray(gain) >= 0.0):
+            raise ValueError(f"gain {gain} must be {model.n_parameters} numbers that are not negative")
+        self.gain = gain
+        super().__init__(model, settings, prior, lanes)
+
+    def _adapt(self, regressor: Array, direction: Array) -> None:
+        """One period of ``parameters' = gain regressor^T direction``, ``(lanes, n, p)`` and ``(lanes, n)``."""
+        rate = self.gain * np.einsum("lnp,ln->lp", regressor, direction)
+        moved = self.parameters + self.settings.period * rate
+        np.clip(moved, self.prior.lower, self.prior.upper, out=self.parameters)
+
+
+class AdaptiveComputedTorque(AdaptiveController, ComputedTorque):
+    """Computed torque whose payload is learnt: the excavator paper's law (eq 3-1 to 3-19).
+
+    It is the law of J. J. Craig, P. Hsu and S. S. Sastry ("Adaptive Control of Mechanical Manipulators", 1987):
+    ``parameters' = gain Y(q, q', q'')^T M^-1 B^T P (e, e')``. ``P`` solves ``A^T P + P A = -Q`` (eq 3-16) for the error
+    dynamics of computed torque with ``Q = diag(2 lambda^3, 2 lambda)``, so that ``B^T P (e, e') = lambda e + e'``. It
+    needs the acceleration, taken here as the difference of two measured velocities, and the estimated mass matrix to
+    be regular.
+    """
+
+    def __init__(
+        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
+    ) -> None:
+        self._qd_before = np.full((lanes, model.n_joints), np.nan)
+        super().__init__(model, settings, prior, gain, lanes)
+
+    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+        measured = (sample.qd - self._qd_before) / self.settings.period
+        qdd = np.where(np.isnan(measured), sample.qdd_d, measured)  # there is no velocity before the first sample
+        direction = free * (self.settings.bandwidth * sample.error + sample.error_rate)
+        m = self.model.mass_matrix(sample.q, self.parameters)
+        settled: Array = np.linalg.solve(m, direction[..., None])[..., 0].astype(np.float64, copy=False)
+        self._adapt(self.model.regressor(sample.q, sample.qd, sample.qd, qdd), settled)
+        self._qd_before[:] = sample.qd
+
+    def _forget(self, lanes: Lanes) -> None:
+        self._qd_before[lanes] = np.nan
+
+
+class SlotineLi(AdaptiveController):
+    """Adaptive control without acceleration and without inverse.
+
+    J.-J. E. Slotine and W. Li, "On the Adaptive Control of Robot Manipulators" (1987): with the reference velocity
+    ``q_r' = q_d' + lambda e`` and the sliding variable ``s = q_r' - q'``
+
+        tau = M q_r'' + C q_r' + g + K s,    parameters' = gain Y(q, q', q_r', q_r'')^T s,    K = lambda inertia
+    """
+
+    def _wanted(self, sample: Sample) -> Array:
+        qd_r, qdd_r = self._reference(sample)
+        damping = self.settings.bandwidth * self.settings.inertia
+        return self.model.torque(sample.q, sample.qd, qd_r, qdd_r, self.parameters) + damping * (qd_r - sample.qd)
+
+    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+        qd_r, qdd_r = self._reference(sample)
+        self._adapt(self.model.regressor(sample.q, sample.qd, qd_r, qdd_r), free * (qd_r - sample.qd))
+
+    def _reference(self, sample: Sample) -> tuple[Array, Array]:
+        """Reference velocity and acceleration, ``(lanes, n)``, rad/s and rad/s^2."""
+        bandwidth = self.settings.bandwidth
+        return sample.qd_d + bandwidth * sample.error, sample.qdd_d + bandwidth * sample.error_rate
+
+
+class IntegralSlotineLi(SlotineLi):
+    """Slotine and Li's law with an integral in the sliding variable, ``s = e' + 2 lambda e + lambda^2 int e``.
+
+    If the model is right the error has a triple pole at -lambda, as that of `IntegralComputedTorque`. What no parameter
+    stands for (friction, another centre of mass) is left to the integral.
+    """
+
+    def __init__(
+        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
+    ) -> None:
+        self._integral = np.zeros((lanes, model.n_joints))
+        super().__init__(model, settings, prior, gain, lanes)
+
+    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+        super()._learn(sample, free)
+        self._integral += self.settings.period * sample.error * free
+
+    def _forget(self, lanes: Lanes) -> None:
+        self._integral[lanes] = 0.0
+
+    def _reference(self, sample: Sample) -> tuple[Array, Array]:
+        bandwidth = self.settings.bandwidth
+        qd_r = sample.qd_d + bandwidth * (2.0 * sample.error + bandwidth * self._integral)
+        qdd_r = sample.qdd_d + bandwidth * (2.0 * sample.error_rate + bandwidth * sample.error)
+        return qd_r, qdd_r

@@ -1,0 +1,150 @@
+"""What every controller has in common: lanes, settings, a belief about the payload, and torques within their limits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.control.model import ArmModel
+from planners.typing import Array
+
+Lanes = slice | NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """How hard a controller holds on.
+
+    Attributes:
+        period: between two samples, s.
+        bandwidth: lambda, at which errors of each joint decay, 1/s, ``(n,)``.
+        inertia: of each joint in a typical posture, kg m^2, ``(n,)``: scales the gains of laws without a mass matrix.
+        torque_limit: largest absolute torque of each joint, N m, ``(n,)``; ``inf`` for none.
+    """
+
+    period: float
+    bandwidth: Array
+    inertia: Array
+    torque_limit: Array
+
+    def __post_init__(self) -> None:
+        for name in ("period", "bandwidth", "inertia", "torque_limit"):
+            if not np.all(np.asarray(getattr(self, name)) > 0.0):
+                raise ValueError(f"{name} {getattr(self, name)} of a controller must be positive")
+
+
+@dataclass(frozen=True)
+class PayloadPrior:
+    """What is known of a payload's parameters before the first sample, each ``(p,)``.
+
+    Attributes:
+        initial: first estimate; a controller that does not adapt keeps it.
+        lower, upper: bounds of the estimate.
+    """
+
+    initial: Array
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(getattr(self, spec.name)) for spec in fields(self)}
+        if len(shapes) != 1 or not np.all((self.lower <= self.initial) & (self.initial <= self.upper)):
+            raise ValueError(
+                f"payload parameters: initial {self.initial} must lie within {self.lower} and {self.upper}"
+            )
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample of the loop, ``(lanes, n)`` each: what is measured, and what is wanted (``_d``)."""
+
+    q: Array
+    qd: Array
+    q_d: Array
+    qd_d: Array
+    qdd_d: Array
+
+    @cached_property
+    def error(self) -> Array:
+        """Angle that is wanted minus the one that is, rad."""
+        return self.q_d - self.q
+
+    @cached_property
+    def error_rate(self) -> Array:
+        """The same of the velocities, rad/s."""
+        return self.qd_d - self.qd
+
+
+class Controller(ABC):
+    """A sampled tracking controller of an arm with a payload.
+
+    Arrays have a leading axis of lanes, arms that know nothing of each other; one arm is a batch of one.
+
+    Args:
+        model: the arm as the controller knows it.
+        settings: gains and limits.
+        prior: what it takes the payload for.
+        lanes: how many arms.
+
+    Raises:
+        ValueError: if settings or prior do not fit the model.
+    """
+
+    def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, lanes: int = 1) -> None:
+        for name in ("bandwidth", "inertia", "torque_limit"):
+            _refuse_shape(name, getattr(settings, name), model.n_joints, "joints")
+        _refuse_shape("initial", prior.initial, model.n_parameters, "parameters of the payload")
+        self.model, self.settings, self.prior, self.lanes = model, settings, prior, lanes
+        self.parameters: Array = np.empty((lanes, model.n_parameters))
+        self.reset()
+
+    def reset(self, lanes: NDArray[np.bool_] | None = None) -> None:
+        """Forget what was learnt, in the lanes of a mask ``(lanes,)`` or in all of them."""
+        chosen: Lanes = slice(None) if lanes is None else lanes
+        self.parameters[chosen] = self.prior.initial
+        self._forget(chosen)
+
+    @property
+    def mass_estimate(self) -> Array:
+        """What it takes the payload to weigh now, ``(lanes,)``, kg."""
+        mass: Array = self.parameters[:, 0]
+        return mass
+
+    def torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+        """Torques to hold for a period, within the limits; learns from the sample.
+
+        Args:
+            q, qd: measured angles and velocities, ``(lanes, n)``.
+            q_d, qd_d, qdd_d: wanted angles, velocities and accelerations, ``(lanes, n)``.
+
+        Returns:
+            ``(lanes, n)``, N m.
+        """
+        sample = Sample(q, qd, q_d, qd_d, qdd_d)
+        wanted = self._wanted(sample)
+        limit = self.settings.torque_limit
+        tau: Array = np.clip(wanted, -limit, limit)
+        self._learn(sample, free=tau == wanted)
+        return tau
+
+    @abstractmethod
+    def _wanted(self, sample: Sample) -> Array:
+        """The torques of the law, without limits."""
+
+    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:  # noqa: B027
+        """Go on to the next sample; ``free`` marks the joints whose torque is within its limit.
+
+        Where it is not, the error is the limit's doing and says nothing: integrals and estimates leave it out.
+        """
+
+    def _forget(self, lanes: Lanes) -> None:  # noqa: B027
+        """Clear what a subclass remembers from sample to sample."""
+
+
+def _refuse_shape(name: str, values: ArrayLike, count: int, what: str) -> None:
+    if np.shape(values) != (count,):
+        raise ValueError(f"{name} has shape {np.shape(values)}; the model has {count} {what}, give ({count},)")

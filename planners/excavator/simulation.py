@@ -1,0 +1,198 @@
+"""A controller in a loop with arms that are not quite the one it knows, many lanes at once.
+
+The torque of a sample is held for a period (or follows with a lag), the equations of motion are integrated by
+Runge-Kutta 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from planners.control import Controller
+from planners.excavator.dynamics import ChainDynamics
+from planners.excavator.motion import Cycle
+from planners.excavator.newton_euler import Chain, acceleration_lane
+from planners.typing import Array
+
+STEP = 2.5e-3
+"""Longest step of the integration, s."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The arms as they are, one a lane.
+
+    Attributes:
+        dynamics: what all have in common.
+        inertia: inertial parameters of their links, payload included, ``(lanes, n, 10)``.
+        drives: inertia and friction of their joints, ``(lanes, n, 2)``.
+        lag: time constant of their actuators, ``(lanes,)``, s; 0 for none.
+        noise: standard deviations of measured angle and velocity, ``(lanes, 2)``, rad and rad/s.
+    """
+
+    dynamics: ChainDynamics
+    inertia: Array
+    drives: Array
+    lag: Array
+    noise: Array
+
+    @classmethod
+    def loaded(
+        cls,
+        dynamics: ChainDynamics,
+        load: Array,
+        *,
+        link_scale: Array | None = None,
+        friction_scale: Array | float = 1.0,
+        lag: Array | float = 0.0,
+        noise: tuple[float, float] | Array = (0.0, 0.0),
+    ) -> Plant:
+        """Arms with loads ``(lanes, 10)``.
+
+        Args:
+            dynamics: of the arm that the controller knows.
+            load: inertial parameters of what the last links carry.
+            link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(lanes, n)``; 1 when left out.
+            friction_scale: factor on the friction, a number or ``(lanes,)``.
+            lag, noise: as above, or the same for all lanes.
+        """
+        lanes, n = len(load), dynamics.n_joints
+        scale = np.broadcast_to(1.0 if link_scale is None else link_scale, (lanes, n))
+        inertia = dynamics.inertia * scale[..., None]
+        inertia[:, -1] += load
+        drives = np.broadcast_to(dynamics.drives, (lanes, n, 2)).copy()
+        drives[..., 1] *= np.broadcast_to(friction_scale, lanes)[:, None]
+        return cls(
+            dynamics=dynamics,
+            inertia=inertia,
+            drives=drives,
+            lag=np.broadcast_to(np.asarray(lag, dtype=float), lanes).copy(),
+            noise=np.broadcast_to(np.asarray(noise, dtype=float), (lanes, 2)).copy(),
+        )
+
+    @property
+    def lanes(self) -> int:
+        """How many arms."""
+        return len(self.inertia)
+
+    def advance(self, q: Array, qd: Array, applied: Array, command: Array, period: float) -> None:
+        """Let a period (s) pass under ``command``; states and the ``applied`` torques, ``(lanes, n)``, are changed."""
+        common = (self.dynamics.frames, self.dynamics.gravity)
+        steps = math.ceil(period / STEP - 1e-9)
+        _advance(common, self.inertia, self.drives, self.lag, q, qd, applied, command, period / steps, steps)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened, at every sample.
+
+    Attributes:
+        t: ``(samples,)``, s.
+        q, qd: as they were, ``(samples, lanes, n)``, rad, rad/s.
+        q_d, qd_d: as they should have been, ``(samples, n)``.
+        tau: the torques that the controller asked for, ``(samples, lanes, n)``, N m.
+        mass: its estimate of the payload, ``(samples, lanes)``, kg.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    q_d: Array
+    qd_d: Array
+    tau: Array
+    mass: Array
+
+
+def simulate(
+    controller: Controller,
+    plant: Plant,
+    cycle: Cycle,
+    cycles: int,
+    *,
+    seed: int = 0,
+    progress: Callable[[], object] = lambda: None,
+) -> Run:
+    """Follow a cycle several times, from rest on it with the payload already there.
+
+    Args:
+        controller: with as many lanes as the plant; it goes on with what it has learnt.
+        plant: the arms.
+        cycle: the wanted motion.
+        cycles: how many times.
+        seed: of the noise. Every lane gets the same, so that what differs between two is not luck.
+        progress: called after every cycle.
+
+    Raises:
+        ValueError: if controller and plant differ in lanes, or the period of control does not divide the cycle.
+    """
+    period = controller.settings.period
+    samples = round(cycle.period / period) * cycles
+    if controller.lanes != plant.lanes:
+        raise ValueError(f"the controller has {controller.lanes} lanes, the plant {plant.lanes}")
+    if abs(cycle.period / period - round(cycle.period / period)) > 1e-6:
+        raise ValueError(f"a control period of {period} s does not divide a cycle of {cycle.period} s")
+    t: Array = np.arange(samples, dtype=np.float64) * period
+    q_d, qd_d, qdd_d = cycle.sample(t)
+    shape, rng = (plant.lanes, plant.dynamics.n_joints), np.random.default_rng(seed)
+    q, qd = np.tile(q_d[0], (plant.lanes, 1)), np.zeros(shape)
+    applied = np.full(shape, np.nan)
+    angles, speeds, torques = np.empty((3, samples, *shape))
+    masses = np.empty((samples, plant.lanes))
+    for k in range(samples):
+        q_noise, qd_noise = rng.normal(size=(2, shape[1]))
+        tau = controller.torque(
+            q + plant.noise[:, :1] * q_noise,
+            qd + plant.noise[:, 1:] * qd_noise,
+            *(np.broadcast_to(wanted[k], shape) for wanted in (q_d, qd_d, qdd_d)),
+        )
+        angles[k], speeds[k], torques[k], masses[k] = q, qd, tau, controller.mass_estimate
+        if k == 0:
+            applied[:] = tau
+        plant.advance(q, qd, applied, tau, period)
+        if (k + 1) % (samples // cycles) == 0:
+            progress()
+    return Run(t=t, q=angles, qd=speeds, q_d=q_d, qd_d=qd_d, tau=torques, mass=masses)
+
+
+@njit(cache=True, nogil=True)
+def _advance(
+    common: tuple[Array, Array],
+    inertia: Array,
+    drives: Array,
+    lag: Array,
+    q: Array,
+    qd: Array,
+    applied: Array,
+    command: Array,
+    step: float,
+    steps: int,
+) -> None:
+    frames, gravity = common
+    for lane in range(q.shape[0]):
+        chain = (frames, gravity, inertia[lane], drives[lane])
+        for _ in range(steps):
+            _step(chain, lag[lane], q[lane], qd[lane], applied[lane], command[lane], step)
+
+
+@njit(cache=True, nogil=True)
+def _step(chain: Chain, lag: float, q: Array, qd: Array, applied: Array, command: Array, step: float) -> None:
+    """One step of Runge-Kutta 4; the actuators' lag is exact."""
+    n = q.shape[0]
+    half, nothing = 0.5 * step, np.zeros(10)
+    left_half = math.exp(-half / lag) if lag > 0.0 else 0.0
+    middle = command + left_half * (applied - command)
+    start = applied if lag > 0.0 else command
+    end = command + left_half * left_half * (applied - command)
+    k1, k2, k3, k4 = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    acceleration_lane(chain, nothing, q, qd, start, k1)
+    acceleration_lane(chain, nothing, q + half * qd, qd + half * k1, middle, k2)
+    acceleration_lane(chain, nothing, q + half * (qd + half * k1), qd + half * k2, middle, k3)
+    acceleration_lane(chain, nothing, q + step * (qd + half * k2), qd + step * k3, end, k4)
+    q += step * (qd + step * (k1 + k2 + k3) / 6.0)
+    qd += step * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
+    applied[:] = end
