@@ -39,6 +39,22 @@ class WarmStart(Settings):
     learning_rate: float = Field(2e-3, gt=0.0)
 
 
+class Amortisation(Settings):
+    """Fitting a policy whose actions are whole motions to the least cost of these, before PPO begins.
+
+    Attributes:
+        moves: random ones to fit to.
+        updates: gradient steps.
+        batch_size: moves of a gradient step.
+        learning_rate: at the start; it falls to a thousandth, linearly.
+    """
+
+    moves: int = Field(150_000, ge=1)
+    updates: int = Field(40_000, ge=1)
+    batch_size: int = Field(256, ge=1)
+    learning_rate: float = Field(1e-3, gt=0.0)
+
+
 class TrainingConfig(Settings):
     """PPO on one environment.
 
@@ -64,6 +80,8 @@ class TrainingConfig(Settings):
         fine: gain by entry of the observation; the networks also see tanh(gain * entry), in which what is near zero is
             magnified.
         warm_start: cloning of an expert before PPO.
+        amortise: fitting to the cost of motions before PPO.
+        whole_episodes: the policy decides once an episode; steps then count episodes.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
         rivals: experts; the best of them on the same seeds stands beside the agent.
@@ -91,16 +109,19 @@ class TrainingConfig(Settings):
     activation: Literal["tanh", "relu"] = "tanh"
     fine: dict[str, float] = Field(default_factory=dict)
     warm_start: WarmStart | None = None
+    amortise: Amortisation | None = None
+    whole_episodes: bool = False
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
     rivals: tuple[str, ...] = Field(("dpct", "lagrange", "apf"), min_length=1)
 
     @classmethod
     def parse(cls, given: Mapping[str, Any], what: str) -> Self:
-        """As `Settings.parse`; mistyped names within ``warm_start`` too."""
-        warm_start = given.get("warm_start")
-        if isinstance(warm_start, Mapping):
-            given = {**given, "warm_start": WarmStart.parse(warm_start, f"{what} of warm_start")}
+        """As `Settings.parse`; mistyped names within ``warm_start`` and ``amortise`` too."""
+        for name, kind in (("warm_start", WarmStart), ("amortise", Amortisation)):
+            inner = given.get(name)
+            if isinstance(inner, Mapping):
+                given = {**given, name: kind.parse(inner, f"{what} of {name}")}
         return super().parse(given, what)
 
     @property

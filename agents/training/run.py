@@ -25,15 +25,19 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
-from agents.agent import FORMAT, Agent, describe_layout, layout_of, save_agent
+from agents.agent import ACTION_SETTINGS, FORMAT, Agent, describe_layout, layout_of, save_agent
 from agents.evaluation import Evaluation, evaluate
 from agents.experiment import load_experiment
 from agents.files import whole_file, write_json, write_text
 from agents.provenance import machine, versions
+from agents.training.amortise import amortise
 from agents.training.config import EVALUATION_SEED, TrainingConfig
 from agents.training.ppo import SegmentedPPO, agent_tensors, fine_elements
 from agents.training.vec_env import LanesVecEnv
 from agents.training.warm_start import clone_expert
+from agents.training.whole_episodes import WholeEpisodes
+from envs.experts import EXPERTS
+from envs.settings import refuse_unknown
 
 TRAINING_SEEDS = 2**31
 """Lanes learn from seeds in [2**31, 2**32); evaluations use lower ones."""
@@ -124,7 +128,7 @@ class TrainingRun:
         return True
 
     def _warm_start(self, model: SegmentedPPO, rival: Row, watcher: Watcher) -> bool:
-        """Clone an expert, if the configuration says so, and write the first checkpoint; False as in `_segment`."""
+        """Clone an expert or amortise, if the configuration says so, and write the first checkpoint; as `_segment`."""
 
         def go_on(line: str) -> bool:
             watcher.begin(line)
@@ -132,8 +136,9 @@ class TrainingRun:
 
         before = perf_counter()
         seed_everything(self.config.seed, 0)
-        if not clone_expert(model.policy, self.config, _lane_seed(self.config.seed, 0), go_on):
-            return False
+        for begin in (clone_expert, amortise):
+            if not begin(model.policy, self.config, _lane_seed(self.config.seed, 0), go_on):
+                return False
         self.seconds += perf_counter() - before
         self._checkpoint(model, rival, watcher)
         return True
@@ -215,9 +220,13 @@ class TrainingRun:
         }
         return Agent(document, agent_tensors(model.policy))
 
-    def _evaluate(self, policy: Any) -> Evaluation:
+    def _evaluate(self, policy: Agent | str) -> Evaluation:
+        """On seeds never trained on; experts act in the environment's own control mode."""
         seeds = EVALUATION_SEED + np.arange(self.config.evaluation_episodes)
-        return evaluate(policy, self.config.env, seeds, env_config=self.config.env_config)
+        settings = dict(self.config.env_config)
+        if isinstance(policy, str):
+            settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
+        return evaluate(policy, self.config.env, seeds, env_config=settings)
 
     def _rival(self, watcher: Watcher) -> Row:
         """The best expert's row on the evaluation's seeds."""
@@ -274,13 +283,15 @@ def _segment_state(seed: int, segment: int) -> NDArray[Any]:
 def _check(config: TrainingConfig) -> None:
     """Raise a ValueError for what the configuration names and is not there, before anything is written."""
     fine_elements(config, layout_of(config.env, config.env_config))
-    with closing(gym.make(config.env, **config.env_config)) as env:
-        for name in (*config.rivals, *([config.warm_start.expert] if config.warm_start else [])):
-            envs.make_expert(name, env)
+    refuse_unknown(config.rivals, EXPERTS, "expert")
+    if config.warm_start:
+        with closing(gym.make(config.env, **config.env_config)) as env:
+            envs.make_expert(config.warm_start.expert, env)
 
 
 def _make_lanes(config: TrainingConfig) -> LanesVecEnv:
-    return LanesVecEnv(gym.make_vec(config.env, num_envs=config.lanes, **config.env_config))
+    env = gym.make_vec(config.env, num_envs=config.lanes, **config.env_config)
+    return LanesVecEnv(WholeEpisodes(env) if config.whole_episodes else env)
 
 
 def _merit(row: Row) -> tuple[float, float]:

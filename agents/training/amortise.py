@@ -1,0 +1,152 @@
+"""A policy's first weights from the cost of the motions it chooses, by gradient through the dynamics of the arm.
+
+Where an action is a whole motion, its torque is a smooth function of the action, known in closed form: the network is
+fitted to the mean cost over many random moves, which a planner would minimise for each move anew (B. Amos, "Tutorial on
+amortized optimization", section 2). No physics is run meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from agents.training.config import Amortisation, TrainingConfig
+from envs.min_torque_move import MinTorqueMove
+from envs.move_kernels import SHAPE_SCALE
+from planners.rest_curve import SHAPES, shape_functions
+from planners.typing import Array
+
+_LANES = 1024
+_SAMPLES = 40
+"""Instants at which the torques of a motion are added up, denser towards its ends, where torque is spent."""
+_TORQUE_ROOM, _RANGE_ROOM = 0.07, 0.02
+"""Shares of the limits that are left to the tracking controller."""
+_TORQUE_PRICES, _RANGE_PRICE = (2.0, 20.0), 20.0
+"""Of the largest excess of a torque limit and of its square, and of a joint range's, in quintic's efforts."""
+_LINES = 20
+
+
+class MoveCost:
+    """Cost of motions for observations of their starts, in torch; see `planners.rest_curve` for the motions.
+
+    Args:
+        task: of the moves.
+    """
+
+    def __init__(self, task: MinTorqueMove) -> None:
+        share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        s = 0.5 * (1.0 - np.cos(np.pi * share))
+        way = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+        units = SHAPE_SCALE / np.arange(1, SHAPES + 1)
+        coupling, weight = task.arm.chain_constants
+        limits = task.arm.limits
+        self._layout = task.layout
+        self._weights = _tensor(0.5 * np.pi * np.sin(np.pi * share) / _SAMPLES)[:, None]
+        self._shapes = _tensor(units[:, None] * shape_functions(s))
+        self._ways = _tensor(np.stack([way(s), way.deriv()(s), way.deriv(2)(s)]))
+        self._coupling, self._weight = _tensor(coupling), _tensor(weight)
+        self._torques = _tensor((1.0 - _TORQUE_ROOM) * np.array(limits.torque))
+        self._ranges = _tensor((1.0 - _RANGE_ROOM) * np.array(limits.angle))
+
+    def __call__(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Effort over that of the quintic, and a price for what exceeds the limits, ``(moves,)``.
+
+        Args:
+            observations: at the start of an episode, ``(moves, size)``.
+            actions: of control mode "motion", ``(moves, 3 SHAPES)``.
+        """
+        seen = {entry.name: observations[:, place] * entry.scale for entry, place in self._layout.slices()}
+        duration = seen["time_left"][:, :, None]
+        change = seen["goal_error"]
+        bend = actions.reshape(len(actions), -1, SHAPES)
+        q, qd, qdd = (self._curve(change, bend, order) for order in range(3))
+        q = q + seen["joint_position"][:, None, :]
+        torque = self._torque(q, qd / duration, qdd / duration**2)
+        effort = (torque.abs() * self._weights).sum((1, 2)) / seen["quintic_torque"][:, 0]
+        excess = torch.relu(torque.abs() / self._torques - 1.0).amax((1, 2))
+        outside = torch.relu(q.abs() / self._ranges - 1.0).amax((1, 2))
+        linear, square = _TORQUE_PRICES
+        return effort + linear * excess + square * excess**2 + _RANGE_PRICE * outside
+
+    def _curve(self, change: torch.Tensor, bend: torch.Tensor, order: int) -> torch.Tensor:
+        """A derivative of the motions by the share of the duration, ``(moves, samples, joints)``."""
+        ways, shapes = self._ways[order], self._shapes[order]
+        return change[:, None, :] * ways[:, None] + (bend @ shapes).transpose(1, 2)
+
+    def _torque(self, q: torch.Tensor, qd: torch.Tensor, qdd: torch.Tensor) -> torch.Tensor:
+        """Inverse dynamics of a planar chain, as in `planners.dynamics`, in absolute angles."""
+        angle, speed, acceleration = q.cumsum(-1), qd.cumsum(-1), qdd.cumsum(-1)
+        c, s = torch.cos(angle), torch.sin(angle)
+        square = speed * speed
+        along = (c * acceleration - s * square) @ self._coupling
+        across = (s * acceleration + c * square) @ self._coupling
+        moment = c * along + s * across + self._weight * c
+        return moment.flip(-1).cumsum(-1).flip(-1)
+
+
+def amortise(
+    policy: Any, config: TrainingConfig, seed: int, progress: Callable[[str], bool] = lambda line: True
+) -> bool:
+    """Fit the mean action of a policy to the least cost of the motions.
+
+    Args:
+        policy: of PPO; changed in place.
+        config: of the run; with an amortisation.
+        seed: of the first move and of their order.
+        progress: called with a line now and then; says whether to go on.
+
+    Returns:
+        Whether it was done to the end.
+    """
+    plan = config.amortise
+    if plan is None:
+        return True
+    observations, cost = _moves(config, plan, seed)
+    generator = np.random.default_rng(seed)
+    last = list(policy.action_net.parameters())
+    inner = list(policy.mlp_extractor.policy_net.parameters())
+    # An action of 1 is several radians: what makes the last layer's steps in radians as large as the others'.
+    optimizer = torch.optim.Adam([{"params": inner, "share": 1.0}, {"params": last, "share": 1.0 / SHAPE_SCALE}])
+    costs = []
+    every = -(-plan.updates // _LINES)
+    for update in range(plan.updates):
+        for group in optimizer.param_groups:
+            group["lr"] = group["share"] * plan.learning_rate * (1.0 - 0.999 * update / plan.updates)
+        batch = observations[generator.integers(len(observations), size=plan.batch_size)]
+        loss = cost(batch, policy.get_distribution(batch).distribution.mean).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_([*inner, *last], 1.0)
+        optimizer.step()
+        costs.append(float(loss.detach()))
+        if (update + 1) % every == 0:
+            line = f"amortising: {update + 1:,} of {plan.updates:,} updates, cost {np.mean(costs[-every:]):.3f}"
+            if not progress(line):
+                return False
+    return True
+
+
+def _moves(config: TrainingConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
+    """Observations of the starts of random moves, ``(moves, size)``, and their cost.
+
+    Raises:
+        ValueError: if the environment's actions are no motions.
+    """
+    with closing(gym.make_vec(config.env, num_envs=_LANES, **config.env_config)) as env:
+        task = env.unwrapped.task  # type: ignore[attr-defined]
+        if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
+            raise ValueError("amortise needs MinTorqueMove-v0 with control_mode motion: its actions are whole motions")
+        rows: list[NDArray[np.float32]] = []
+        while len(rows) * _LANES < plan.moves:
+            rows.append(env.reset(seed=seed + len(rows) * _LANES)[0])
+        return torch.from_numpy(np.concatenate(rows)[: plan.moves]), MoveCost(task)
+
+
+def _tensor(values: Array) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float32)
