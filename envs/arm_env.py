@@ -41,6 +41,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         EzPickle.__init__(self, render_mode, **config)
         _check_render_mode(render_mode)
         self.task: Task = self.task_type.make(config, 1)
+        self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
@@ -138,6 +139,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f'render_mode "{render_mode}": a vector environment renders "rgb_array" only')
         self.task: Task = self.task_type.make(config, num_envs)
+        self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.single_observation_space = self.task.layout.space()
@@ -276,8 +278,7 @@ class _Camera:
     def frame(self) -> Frame:
         """Draw the lane as it is now."""
         if self._renderer is None:
-            fps = round(1.0 / self._task.config.control_period)
-            self._renderer = Renderer(self._task.view, window=self._window, fps=fps)
+            self._renderer = Renderer(self._task.view, window=self._window, fps=self._task.frame_rate)
         return self._renderer.draw(self._task.scene(self._lane, self._trail))
 
     def close(self) -> None:

@@ -178,6 +178,11 @@ class Task(ABC):
         mode: ControlMode = config.control_mode
         return mode
 
+    @property
+    def frame_rate(self) -> int:
+        """Frames a second of a film that shows every control period."""
+        return round(1.0 / self.config.control_period)
+
     def action_space(self) -> gym.spaces.Box:
         """The action space of one lane: numbers in [-1, 1]."""
         return gym.spaces.Box(-1.0, 1.0, self.lanes["action"].shape[1:], np.float32)

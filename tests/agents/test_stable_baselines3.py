@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from contextlib import closing
+from typing import Any, get_args
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import envs
-from envs.actuation import CONTROL_MODES
+from agents.configs_page import documented
+from agents.evaluation import known_env_ids
+from envs.experts import EXPERTS
 
 pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
 
@@ -17,30 +20,56 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-MODES: dict[str, tuple[str, ...]] = {
-    "ConveyorTrack-v0": CONTROL_MODES,
-    "MinTorqueMove-v0": ("torque",),
-    "ObstacleDodge-v0": ("torque", "acceleration"),
-}
-every_env = pytest.mark.parametrize("env_id", MODES)
+MODES = [
+    (env_id, mode)
+    for env_id in known_env_ids()
+    for mode in get_args(documented()[env_id].model_fields["control_mode"].annotation)
+]
+every_env = pytest.mark.parametrize("env_id", known_env_ids())
+EPISODES = 2
 
 
-@pytest.mark.parametrize(
-    ("env_id", "control_mode"), [(env_id, mode) for env_id, modes in MODES.items() for mode in modes]
-)
+def returns_by_hand(env_id: str, name: str) -> list[float]:
+    """Of episodes one after the other, of which the first alone is given a seed."""
+    with closing(gym.make(env_id)) as env:
+        totals = []
+        for episode in range(EPISODES):
+            expert = envs.make_expert(name, env)
+            observation, _ = env.reset(seed=None if episode else 0)
+            state, begins, total, ended = None, np.ones(1, dtype=bool), 0.0, False
+            while not ended:
+                actions, state = expert.predict(observation[None], state, begins, deterministic=True)
+                observation, reward, terminated, truncated, _ = env.step(actions[0])
+                begins, total, ended = np.zeros(1, dtype=bool), total + float(reward), terminated or truncated
+            totals.append(total)
+        return totals
+
+
+@pytest.mark.parametrize(("env_id", "control_mode"), MODES)
 def test_environment_check(env_id: str, control_mode: str) -> None:
     check_env(gym.make(env_id, control_mode=control_mode, render_mode="rgb_array").unwrapped)
 
 
 @every_env
-def test_an_expert_is_evaluated_like_a_policy(env_id: str) -> None:
-    env = Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))
-    expert: Any = envs.make_expert("dpct", env)
-    env.reset(seed=0)
-    successes = []
-    evaluate_policy(expert, env, n_eval_episodes=3, callback=lambda local, _: successes.append(local["info"]))
-    assert sum(info["is_success"] for info in successes if "limit_ratio" in info) == 3
+@pytest.mark.parametrize("name", [name for name in EXPERTS if name != "random"])
+def test_an_expert_is_evaluated_like_a_policy(env_id: str, name: str) -> None:
+    lanes = DummyVecEnv([lambda: Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))])
+    expert: Any = envs.make_expert(name, lanes.envs[0])
+    lanes.seed(0)
+    ends: list[dict[str, Any]] = []
+
+    def watch(local: dict[str, Any], _: Any) -> None:
+        if local["done"]:
+            ends.append(local["info"])
+
+    returns, lengths = evaluate_policy(
+        expert, lanes, n_eval_episodes=EPISODES, callback=watch, return_episode_rewards=True
+    )
+    assert returns == pytest.approx(returns_by_hand(env_id, name), abs=1e-6)
+    assert [info["episode"]["l"] for info in ends] == lengths
+    assert [info["episode"]["is_success"] for info in ends] == [info["is_success"] for info in ends]
 
 
 @every_env

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,13 @@ SMALL: dict[str, Any] = {
     "evaluation_episodes": 3,
     "rivals": ["apf"],
 }
+
+CLONED: dict[str, Any] = {
+    "total_steps": 2800,
+    "checkpoint_steps": 200,
+    "warm_start": {"expert": "apf", "episodes": 8, "rounds": 3, "updates": 200, "batch_size": 64},
+}
+KILLS = 6
 
 
 def small(**changes: Any) -> TrainingConfig:
@@ -92,17 +101,101 @@ def test_a_run_stopped_within_any_segment_goes_on_as_if_it_had_not_been(finished
     assert [row["return"] for row in before["rows"]] == [row["return"] for row in after["rows"]]
 
 
-def test_a_killed_run_goes_on_from_its_last_checkpoint(finished: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
-    TrainingRun.begin(folder, small(), "test")
-    command = [sys.executable, "-m", "agents.cli", "train", "--resume", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None and not (folder / "checkpoint.pt").exists():
-        time.sleep(0.01)
+def without_clock(folder: Path, agent: str) -> dict[str, Any]:
+    """What an agent's JSON says, but for the time it took."""
+    document: dict[str, Any] = json.loads((folder / f"{agent}.json").read_text())
+    del document["training"]["seconds"]
+    return document
+
+
+def same_run(one: Path, other: Path) -> bool:
+    return all(
+        (one / f"{agent}.safetensors").read_bytes() == (other / f"{agent}.safetensors").read_bytes()
+        and without_clock(one, agent) == without_clock(other, agent)
+        for agent in ("last", "best")
+    )
+
+
+@pytest.fixture(scope="module")
+def start() -> Callable[[Path], Any]:
+    """Begins to go on with a run in a process of its own, which need not import everything again."""
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(["agents.training.run", "agents.training.command"])
+
+    def resume(folder: Path) -> Any:
+        process = processes.Process(target=main, args=(["train", "--resume", str(folder)],))
+        process.start()
+        return process
+
+    return resume
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory, start: Callable[[Path], Any]) -> tuple[Path, float]:
+    """A run with a warm start and many checkpoints, and the seconds it took in a process of its own."""
+    folder = tmp_path_factory.mktemp("uninterrupted")
+    TrainingRun.begin(folder, small(**CLONED), "test")
+    before = time.perf_counter()
+    start(folder).join()
+    return folder, time.perf_counter() - before
+
+
+def checkpoints(folder: Path) -> int:
+    metrics = folder / "metrics.csv"
+    return len(metrics.read_text().splitlines()) - 1 if metrics.exists() else 0
+
+
+def test_a_run_killed_again_and_again_ends_as_if_it_had_not_been(
+    uninterrupted: tuple[Path, float], tmp_path: Path, start: Callable[[Path], Any]
+) -> None:
+    finished, seconds = uninterrupted
+    TrainingRun.begin(tmp_path, small(**CLONED), "test")
+    generator = np.random.default_rng(20)
+    delays = seconds / 3.0 * generator.permutation((np.arange(KILLS) + generator.random(KILLS)) / KILLS)
+    for delay in delays.tolist():
+        done, end = checkpoints(tmp_path), time.perf_counter() + delay
+        process = start(tmp_path)
+        # No kill may come so late that none is left for the next ones.
+        while process.is_alive() and time.perf_counter() < end and checkpoints(tmp_path) < done + 2:
+            time.sleep(0.002)
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    assert main(["train", "--resume", str(tmp_path)]) == 0
+    assert same_run(tmp_path, finished)
+
+
+def test_a_run_killed_in_its_warm_start_starts_over(
+    uninterrupted: tuple[Path, float], tmp_path: Path, start: Callable[[Path], Any]
+) -> None:
+    TrainingRun.begin(tmp_path, small(**CLONED), "test")
+    process = start(tmp_path)
+    while process.is_alive() and not (tmp_path / "tensorboard").exists():
+        time.sleep(0.001)
     process.kill()
-    process.wait()
-    assert main(["train", "--resume", str(folder)]) == 0
-    assert weights(folder) == weights(finished)
+    process.join()
+    assert not (tmp_path / "checkpoint.pt").exists()
+    assert main(["train", "--resume", str(tmp_path)]) == 0
+    assert same_run(tmp_path, uninterrupted[0])
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_experiments() if name.startswith("ppo/")])
+def test_shipped_experiments_give_the_same_weights_twice(name: str, tmp_path: Path) -> None:
+    config = load_experiment(name, TrainingConfig)
+    changes = [
+        "total_steps=3200",
+        "lanes=8",
+        "rollout_steps=200",
+        "batch_size=400",
+        "epochs=2",
+        "checkpoint_steps=1600",
+    ]
+    changes += ["evaluation_episodes=2", f"rivals=[{config.rivals[-1]}]"]
+    if config.warm_start is not None:
+        changes += ["warm_start.episodes=4", "warm_start.rounds=2", "warm_start.updates=20"]
+    for folder in ("one", "other"):
+        assert TrainingRun.begin(tmp_path / folder, config.overridden(changes), "test").train()
+    assert same_run(tmp_path / "one", tmp_path / "other")
 
 
 def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

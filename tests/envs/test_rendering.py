@@ -6,12 +6,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pygame
 import pytest
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+import envs  # noqa: F401
 from envs.rendering import Belt, Renderer, Scene, palette
 from planners import PLANAR_3R, SCARA_1M
 
@@ -300,3 +302,12 @@ def test_empty_views_are_refused(view: tuple[float, float, float, float]) -> Non
 def test_tiny_pictures_are_refused() -> None:
     with pytest.raises(ValueError, match=r"picture size \(960, 10\) must be at least 64"):
         Renderer(VIEW, size=(960, 10))
+
+
+@pytest.mark.parametrize(
+    ("env_id", "frames"), [("ConveyorTrack-v0", 50), ("MinTorqueMove-v0", 200), ("ObstacleDodge-v0", 50)]
+)
+def test_films_play_in_real_time(env_id: str, frames: int) -> None:
+    assert gym.make(env_id).metadata["render_fps"] == frames
+    assert gym.make_vec(env_id, num_envs=2).metadata["render_fps"] == frames
+    assert gym.make(env_id, control_period=0.025, physics_step=0.0025).metadata["render_fps"] == 40

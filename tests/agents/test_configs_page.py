@@ -1,0 +1,131 @@
+"""docs/configs.md says what the settings are, and its examples are taken."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from typing import Any
+
+import gymnasium as gym
+import pytest
+import tyro
+import yaml
+
+import envs  # noqa: F401
+from agents import configs_page
+from agents.benchmark import BenchmarkOptions
+from agents.configs_page import PAGE, descriptions, documented, table, updated
+from agents.evaluation import known_env_ids
+from agents.experiment import shipped_experiments
+from agents.training.command import TrainOptions
+from envs.settings import Settings
+
+TEXT = PAGE.read_text()
+COMMANDS = [
+    shlex.split(line, comments=True)[1:]
+    for block in re.findall(r"^```sh\n(.*?)^```", TEXT, flags=re.DOTALL | re.MULTILINE)
+    for line in block.splitlines()
+]
+
+
+def rows(name: str) -> dict[str, list[str]]:
+    """The cells of a table on the page, by key."""
+    _, _, after = TEXT.partition(f"<!-- settings of {name} -->\n")
+    lines, _, _ = after.partition(f"\n<!-- end of {name} -->")
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines.splitlines()[2:]]
+    return {key.strip("`"): others for key, *others in cells}
+
+
+@pytest.mark.parametrize("name", documented())
+def test_every_key_is_there_with_its_default(name: str) -> None:
+    fields = documented()[name].model_fields
+    shown = rows(name)
+    assert list(shown) == list(fields)
+    for key, (values, default, _, meaning) in shown.items():
+        assert values
+        assert meaning
+        if fields[key].is_required():
+            assert default == "required"
+            continue
+        kept = fields[key].get_default(call_default_factory=True)
+        wanted = kept if isinstance(kept, str) and kept else json.dumps(kept)
+        assert default == f"`{wanted}`"
+
+
+def test_the_page_is_what_its_command_writes() -> None:
+    assert updated(TEXT) == TEXT, "run python -m agents.configs_page"
+
+
+@pytest.mark.parametrize("env_id", known_env_ids())
+def test_the_settings_of_an_environment_are_its_own(env_id: str) -> None:
+    with gym.make(env_id) as env:
+        config: Any = env.unwrapped.task.config  # type: ignore[attr-defined]
+    assert type(config) is documented()[env_id]
+
+
+@pytest.mark.parametrize("experiment", shipped_experiments())
+def test_the_page_knows_every_shipped_experiment(experiment: str) -> None:
+    folder, _, _ = experiment.rpartition("/")
+    assert f"`{folder}/`" in TEXT if folder else f"`{experiment}.yaml`" in TEXT
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_the_examples_are_taken(command: list[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds: dict[str, Any] = {"benchmark": BenchmarkOptions, "train": TrainOptions}
+    shipped = {"benchmark": "benchmark", "train": "ppo/ConveyorTrack-v0"}[command[0]]
+    (tmp_path / "mine.yaml").write_text((PAGE.parent.parent / "configs" / f"{shipped}.yaml").read_text())
+    monkeypatch.chdir(tmp_path)
+    config = tyro.cli(kinds[command[0]], args=command[1:]).resolve()
+    for change in (part for part in command if "=" in part):
+        key, _, value = change.partition("=")
+        got: Any = config.model_dump(mode="json")
+        for level in key.split("."):
+            got = got[level]
+        assert got == yaml.safe_load(value)
+
+
+class Example(Settings):
+    """Settings of a test.
+
+    Attributes:
+        speed, other_speed: of the hand, m/s; never negative.
+        length: how long it is,
+            and how far, m.
+    """
+
+    speed: float = 1.0
+    other_speed: float = 2.0
+    length: float | None = None
+
+
+def test_a_docstring_becomes_a_table() -> None:
+    assert descriptions(Example)["length"] == "how long it is, and how far, m."
+    assert table(Example).splitlines()[2:] == [
+        "| `speed` | number | `1.0` | m/s | of the hand; never negative |",
+        "| `other_speed` | number | `2.0` | m/s | of the hand; never negative |",
+        "| `length` | number or null | `null` | m | how long it is, and how far |",
+    ]
+
+
+def test_what_is_not_described_and_where_it_cannot_be_written_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Undescribed(Example):
+        """Settings without their attributes."""
+
+        weight: float = 1.0
+
+    with pytest.raises(ValueError, match="Undescribed does not describe weight"):
+        table(Undescribed)
+    monkeypatch.setattr(configs_page, "documented", lambda: {"Example": Example})
+    with pytest.raises(ValueError, match=r"needs a pair each for \['Example'\]"):
+        updated("no marks")
+    page = updated("before\n<!-- settings of Example -->\nstale\n<!-- end of Example -->\nafter\n")
+    assert "stale" not in page
+    assert page.startswith("before\n<!-- settings of Example -->\n| key |")
+    assert page.endswith("|\n<!-- end of Example -->\nafter\n")
+
+
+@pytest.mark.parametrize("name", documented())
+def test_settings_within_settings_have_a_table_of_their_own(name: str) -> None:
+    named = {word for values, *_ in rows(name).values() for word in re.findall(r"[A-Z]\w+", values)}
+    assert named <= set(documented())
