@@ -42,8 +42,8 @@ COMMANDS = {
 DESCRIPTION = """\
 Planar robot arms with real physics, beside the planners that solve them.
 
-  planarm benchmark                                         the leaderboard, in about a minute
-  planarm rollout ConveyorTrack-v0 --policy dpct --render   watch one episode
+  planarm benchmark                                         the leaderboard, in two minutes
+  planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
   planarm paths ObstacleDodge-v0 --plot paths.png           draw the ways three experts take
   planarm COMMAND --help                                    what a command can do
   planarm --version                                         the version"""

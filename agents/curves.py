@@ -163,7 +163,7 @@ def grouped(curves: Sequence[Curve], key: str) -> Groups:
     refuse_unknown([key], set().union(*settings), "setting to group by")
     groups: Groups = {}
     for curve, values in zip(curves, settings, strict=True):
-        groups.setdefault(_label(key, values.get(key)), []).append(curve)
+        groups.setdefault(_label(key, values), []).append(curve)
     return groups
 
 
@@ -286,10 +286,12 @@ def _flat(settings: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]
             yield from _flat(value, f"{prefix}{name}.")
 
 
-def _label(key: str, value: Any) -> str:
-    if key == "warm_start":
-        return f"cloning {value['expert']}, then PPO" if value else "PPO alone"
-    return f"{key}={_text(value)}"
+def _label(key: str, settings: Mapping[str, Any]) -> str:
+    if key != "warm_start":
+        return f"{key}={_text(settings.get(key))}"
+    if settings["warm_start"]:
+        return f"cloning {settings['warm_start']['expert']}, then PPO"
+    return "fitting to the cost, then PPO" if settings["amortise"] else "PPO alone"
 
 
 def _text(value: Any) -> str:

@@ -20,7 +20,7 @@ def experiment(tmp_path: Path) -> Path:
 def test_the_shipped_benchmark_is_valid() -> None:
     assert "benchmark" in shipped_experiments()
     config = load_experiment("benchmark", BenchmarkConfig)
-    assert config.policies == ("dpct", "lagrange", "apf", "follower", "random")
+    assert config.policies == ("agent", "dpct", "lagrange", "apf", "follower", "random")
     paper = config.tasks[1]
     assert paper.options == {"scenario": "paper"}
     assert paper.published is not None
