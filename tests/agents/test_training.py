@@ -193,6 +193,10 @@ def test_shipped_experiments_give_the_same_weights_twice(name: str, tmp_path: Pa
     changes += ["evaluation_episodes=2", f"rivals=[{config.rivals[-1]}]"]
     if config.warm_start is not None:
         changes += ["warm_start.episodes=4", "warm_start.rounds=2", "warm_start.updates=20"]
+    if config.amortise is not None:
+        changes += ["amortise.moves=1024", "amortise.updates=50"]
+    if config.whole_episodes:  # a step takes hundreds of control periods
+        changes += ["rollout_steps=4", "batch_size=16", "total_steps=64", "checkpoint_steps=32"]
     for folder in ("one", "other"):
         assert TrainingRun.begin(tmp_path / folder, config.overridden(changes), "test").train()
     assert same_run(tmp_path / "one", tmp_path / "other")
