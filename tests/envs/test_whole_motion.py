@@ -46,13 +46,12 @@ def test_the_arm_follows_the_motion_that_the_first_action_says() -> None:
     env.reset(seed=0, options=options)
     action = np.zeros(SIZE, np.float32)
     action[SHAPES : SHAPES + 2] = 0.1, -0.2  # joint 2: 0.5 T_0 - 0.5 T_1, rad
-    seen, torque = [], []
+    seen = []
     done, first = False, True
     while not done:
         _, _, done, _, info = env.step(action if first else np.ones(SIZE, np.float32))  # later actions do nothing
         first = False
         seen.append(env.unwrapped.joint_state()[0])  # type: ignore[attr-defined]
-        torque.append(info["reward_terms"]["effort"])
     s = np.arange(1, 301) / 300
     expected = reference(s, options, {1: (0.5, -0.5)})
     np.testing.assert_allclose(seen, expected, atol=2e-4)
@@ -74,7 +73,7 @@ def test_the_torque_is_that_of_inverse_dynamics() -> None:
     measured = evaluate(Same(action), ENV, [0], env_config=MOTION, options=options).metrics["torque_l1"][0]
     s = np.linspace(0.0, 1.0, 2001)
     q = reference(s, options, {1: (1.0,), 2: (-0.5,)})
-    qd, qdd = (np.gradient(q, s, axis=0, edge_order=2), None)
+    qd = np.gradient(q, s, axis=0, edge_order=2)
     qdd = np.gradient(qd, s, axis=0, edge_order=2)
     tau = PLANAR_3R.inverse_dynamics(q, qd, qdd)
     assert measured == pytest.approx(np.trapezoid(np.abs(tau).sum(axis=1), s), rel=5e-3)
