@@ -79,10 +79,14 @@ class BenchmarkOptions:
             for name in ("episodes", "bound_episodes", "seed", "policies", "lanes")
             if getattr(self, name) is not None
         }
+        tasks = config.tasks
         if self.tasks is not None:
-            titles = {task.title: task for task in config.tasks}
+            titles = {task.title: task for task in tasks}
             refuse_unknown(self.tasks, titles, "task")
-            changes["tasks"] = tuple(titles[name] for name in self.tasks)
+            tasks = tuple(titles[name] for name in self.tasks)
+        if self.policies is not None:
+            tasks = tuple(task.model_copy(update={"policies": None}) for task in tasks)
+        changes["tasks"] = tasks
         return BenchmarkConfig.parse({**dict(config), **changes}, "benchmark setting")
 
 
@@ -107,8 +111,7 @@ class Benchmark:
     @property
     def total_episodes(self) -> int:
         """Episodes to run, and episodes to bound."""
-        policies = len(self.config.policies)
-        return sum(self._episodes(task) * policies + self._bounded(task) for task in self.config.tasks)
+        return sum(self._episodes(task) * len(self._policies(task)) + self._bounded(task) for task in self.config.tasks)
 
     def check(self) -> None:
         """Make every environment and policy once, so that what is wrong with any is said before the first episode."""
@@ -174,7 +177,7 @@ class Benchmark:
         Raises:
             ValueError: for what is no policy, or none of this environment.
         """
-        return [find_contender(name, task.env, allow_code=self.allow_code) for name in self.config.policies]
+        return [find_contender(name, task.env, allow_code=self.allow_code) for name in self._policies(task)]
 
     def pairs(self, result: TaskResult) -> list[Pair]:
         """The comparisons of a task, of what is finished."""
@@ -194,6 +197,9 @@ class Benchmark:
             progress=progress,
             name=contender.name,
         )
+
+    def _policies(self, task: BenchmarkTask) -> tuple[str, ...]:
+        return task.policies or self.config.policies
 
     def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
         return self.config.seed + np.arange(self._episodes(task))

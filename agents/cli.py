@@ -30,6 +30,7 @@ COMMANDS = {
     "evaluate": Command("agents.evaluate_command", "EvaluateOptions", "score one policy on one task, others beside it"),
     "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
+    "payload": Command("agents.payload", "PayloadOptions", "experts with a mass on the hand, and the adaptive law"),
     "train": Command("agents.training.command", "TrainOptions", "train an agent with PPO, or go on with a run"),
     "curves": Command("agents.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),

@@ -12,7 +12,7 @@ from typing import Any
 
 from agents.agent import Agent, load_agent, shipped_agents
 from agents.evaluation import Policy
-from envs.experts import EXPERTS
+from envs.experts import EXPERTS, is_expert
 from envs.settings import refuse_unknown
 
 SHIPPED = "agent"
@@ -60,8 +60,9 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
     """A policy by name or by path.
 
     Args:
-        source: the name of an expert; ``agent`` for the agent shipped for the environment; the path of a training
-            run's folder, of an agent (.safetensors), or of a model of Stable-Baselines3 (.zip).
+        source: the name of an expert, with ``+adaptive`` behind it for one that weighs the payload; ``agent`` for the
+            agent shipped for the environment; the path of a training run's folder, of an agent (.safetensors), or of a
+            model of Stable-Baselines3 (.zip).
         env_id: where it shall act.
         allow_code: whether to load a model of Stable-Baselines3, which runs whatever code its file holds.
 
@@ -69,7 +70,7 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
         ValueError: if there is none, it was trained on another environment, or it may not be loaded.
         ModuleNotFoundError: for a model of Stable-Baselines3 without the `rl` extra.
     """
-    if source in EXPERTS:
+    if is_expert(source):
         return Contender(source, source)
     if source.endswith(".zip"):
         return Contender(Path(source).stem, _load_sb3(Path(source), allow_code=allow_code))

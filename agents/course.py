@@ -30,6 +30,7 @@ class Story:
         logarithmic: whether the measure spans decades.
         tolerance: setting that holds the largest measure that counts as success, m; None if there is none.
         rate: whether the curve is the measure's derivative.
+        belt: whether the target is a part on a belt.
     """
 
     title: str
@@ -39,6 +40,7 @@ class Story:
     logarithmic: bool = False
     tolerance: str | None = None
     rate: bool = False
+    belt: bool = False
 
 
 def _settling(info: Info, duration: float) -> str:
@@ -62,6 +64,12 @@ def _dodging(info: Info, duration: float) -> str:
     return f"not at the goal after {duration:.1f} s,\n{clearance}"
 
 
+def _following(info: Info, duration: float) -> str:
+    if math.isfinite(info["tip_rms"]):
+        return f"tip error {1e3 * info['tip_rms']:.1f} mm RMS,\n{1e3 * info['tip_max']:.1f} mm at worst"
+    return f"a joint ran away at {duration:.1f} s"
+
+
 STORIES: dict[str, Story] = {
     "ConveyorTrack-v0": Story(
         "distance from hand to part (mm)",
@@ -70,6 +78,7 @@ STORIES: dict[str, Story] = {
         arrival="settling_time",
         logarithmic=True,
         tolerance="position_tolerance",
+        belt=True,
     ),
     "MinTorqueMove-v0": Story(
         "sum of the joints' |torque| (N m)", lambda lane: float(lane["torque_l1"]), _effort, rate=True
@@ -79,6 +88,12 @@ STORIES: dict[str, Story] = {
         lambda lane: 1e3 * float(lane["clearance"]),
         _dodging,
         arrival="time_to_goal",
+    ),
+    "ExcavatorPayload-v0": Story(
+        "distance from tip to reference (mm)",
+        lambda lane: 1e3 * float(lane["tip_error"]),
+        _following,
+        logarithmic=True,
     ),
 }
 """What each task is about."""
@@ -93,7 +108,7 @@ class Course:
         env_id: where.
         arm: the robot.
         t: time since the start, ``(samples,)``, s.
-        q: joint angles, ``(samples, n)``, rad.
+        joints: positions of the joints from the base on, and of the hand, ``(samples, n + 1, 2)``, m.
         target: where the hand should be, ``(samples, 2)``, m.
         discs: centres of the discs, ``(samples, discs, 2)``, m; none in tasks without them.
         radii: of the discs, ``(discs,)``, m.
@@ -106,18 +121,13 @@ class Course:
     env_id: str
     arm: Arm
     t: Array
-    q: Array
+    joints: Array
     target: Array
     discs: Array
     radii: Array
     measure: Array
     tolerance: float | None
     info: Info
-
-    @property
-    def joints(self) -> Array:
-        """Positions of the joints from the base on, and of the hand, ``(samples, n + 1, 2)``, m."""
-        return self.arm.joint_positions(self.q)
 
     @property
     def duration(self) -> float:
@@ -152,7 +162,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
         info = play(watched, contender.policy, seed, options)
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
         period, lane = task.config.control_period, task.lanes[0]
-        t = np.arange(len(watched.q), dtype=np.float64) * period
+        t = np.arange(len(watched.joints), dtype=np.float64) * period
         measure = np.array(watched.measure)
         if story.rate:
             rates = np.diff(measure) / period
@@ -162,7 +172,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
             env_id=env_id,
             arm=task.arm,
             t=t,
-            q=np.array(watched.q),
+            joints=np.array(watched.joints),
             target=np.array(watched.target),
             discs=np.array(watched.discs),
             radii=lane["radii"].copy() if "radii" in _fields(lane) else np.empty(0),
@@ -179,7 +189,7 @@ class _Watched(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self._task: Task = env.unwrapped.task  # type: ignore[attr-defined]
         self._story = story
-        self.q: list[Array] = []
+        self.joints: list[Array] = []
         self.target: list[Array] = []
         self.discs: list[Array] = []
         self.measure: list[float] = []
@@ -196,16 +206,19 @@ class _Watched(gym.Wrapper[Any, Any, Any, Any]):
 
     def _note(self) -> None:
         lane = self._task.lanes[0]
-        self.q.append(lane["q"].copy())
+        joints = self._task.arm.joint_positions(lane["q"])
+        joints[-1] = self._task.hand_position(0)
+        self.joints.append(joints)
         self.target.append(_target(self._task, lane))
         self.discs.append(lane["discs"].copy() if "discs" in _fields(lane) else np.empty((0, 2)))
         self.measure.append(self._story.measure(lane))
 
 
 def _target(task: Task, lane: Any) -> Array:
-    """Where the hand should be now: on the part, at the goal, or where the goal's joint angles put it."""
-    if "part_position" in _fields(lane):
-        return np.array(lane["part_position"])
+    """Where the hand should be now: on the part, on the reference, or at the goal, in space or by its joint angles."""
+    for name in ("part_position", "wanted_tip"):
+        if name in _fields(lane):
+            return np.array(lane[name])
     goal = np.array(lane["goal"])
     return goal if len(goal) == 2 else task.arm.forward_kinematics(goal)
 

@@ -13,7 +13,7 @@ from agents.benchmark import Benchmark, run_and_print
 from agents.contenders import SHIPPED, find_contender
 from agents.evaluation import known_env_ids
 from agents.experiment import BenchmarkConfig, assigned
-from envs.experts import EXPERTS
+from envs.experts import is_expert
 from envs.settings import refuse_unknown
 
 
@@ -27,11 +27,13 @@ class EvaluateOptions:
 
         $ planarm evaluate apf --env ObstacleDodge-v0 --episodes 1000
         $ planarm evaluate runs/mine --against dpct apf
+        $ planarm evaluate dpct+adaptive --env ConveyorTrack-v0 --against dpct --settings payload=0.3
         $ planarm evaluate model.zip --env ConveyorTrack-v0 --settings control_mode=jerk --allow-code
     """
 
     policy: tyro.conf.Positional[str]
-    """Name of an expert; agent for the one that comes with planarm; or the path of a run, an agent or a .zip."""
+    """Name of an expert, +adaptive behind it if it is to weigh the payload; agent for the one that comes with planarm;
+    or the path of a run, an agent or a .zip."""
     env: str | None = None
     """Id of the environment; can be left out for what was trained here, which knows."""
     episodes: int = 100
@@ -75,7 +77,7 @@ class EvaluateOptions:
         if self.env is not None:
             refuse_unknown([self.env], known_env_ids(), "environment")
             return self.env
-        if self.policy in (*EXPERTS, SHIPPED) or self.policy.endswith(".zip"):
+        if is_expert(self.policy) or self.policy == SHIPPED or self.policy.endswith(".zip"):
             raise ValueError(f"on which environment? Give --env, one of {', '.join(known_env_ids())}")
         return load_agent(self.policy).env_id
 

@@ -86,7 +86,8 @@ class Evaluation:
         returns: sum of rewards, ``(episodes,)``.
         lengths: control steps, ``(episodes,)``.
         metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; numbers in a nested
-            dict have both keys, as in ``limit_ratios/velocity``.
+            dict have both keys, as in ``limit_ratios/velocity``. And ``mass_estimate``, what the policy takes the
+            payload to weigh then, kg, if it has such an attribute.
         timing: where the time went.
     """
 
@@ -190,6 +191,7 @@ def _run_batch(
         before = perf_counter()
         actions, state = policy.predict(observation, state=state, episode_start=begins, deterministic=True)
         between = perf_counter()
+        estimate = getattr(policy, "mass_estimate", None)
         observation, rewards, terminated, truncated, infos = env.step(actions)
         after = perf_counter()
         policy_seconds, env_seconds, steps = policy_seconds + between - before, env_seconds + after - between, steps + 1
@@ -199,6 +201,8 @@ def _run_batch(
         ended = running & begins
         if ended.any():
             _collect(metrics, infos["final_info"], ended)
+            if estimate is not None:
+                metrics.setdefault("mass_estimate", np.full(n, np.nan))[ended] = estimate[ended]
             running &= ~ended
             progress(int(ended.sum()))
     planning = tuple(after - before for after, before in zip(_planning(policy), planning_before, strict=True))

@@ -38,6 +38,7 @@ class BenchmarkTask(Settings):
         name: how the leaderboard calls it; the id when left out.
         env_config: settings of the environment.
         options: of each reset.
+        policies: who takes part, if not those of the benchmark.
         episodes: how many, if not as many as the benchmark's other tasks.
         bound_episodes: for how many of them the bound is computed, if not for as many as elsewhere.
         published: a figure from a paper, for its own row.
@@ -47,6 +48,7 @@ class BenchmarkTask(Settings):
     name: str = ""
     env_config: dict[str, Any] = Field(default_factory=dict)
     options: dict[str, Any] = Field(default_factory=dict)
+    policies: tuple[str, ...] | None = Field(None, min_length=1)
     episodes: int | None = Field(None, ge=1)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None

@@ -28,36 +28,43 @@ LIMIT_TOLERANCE = 0.005
 class Metric:
     """A number of ``info`` that has its own column: its key, its title, and the factor it is shown with.
 
-    What is true or false is shown as a share, with its interval.
+    What is true or false is shown as a share, with its interval. By the primary one of a task, of which less is better,
+    its episodes are compared.
     """
 
     key: str
     title: str
     factor: float = 1.0
+    primary: bool = False
 
 
 METRICS: dict[str, tuple[Metric, ...]] = {
     "ConveyorTrack-v0": (
-        Metric("settling_time", "settled (s)"),
+        Metric("settling_time", "settled (s)", primary=True),
         Metric("steady_state_error", "error (mm)", 1e3),
     ),
     "MinTorqueMove-v0": (
-        Metric("quintic_ratio", "torque / quintic's"),
+        Metric("quintic_ratio", "torque / quintic's", primary=True),
         Metric("torque_l1", "PI1 (N m s)"),
         Metric("angle_error", "error (mrad)", 1e3),
     ),
     "ObstacleDodge-v0": (
         Metric("collision", "collided (%)"),
-        Metric("time_to_goal", "to goal (s)"),
+        Metric("time_to_goal", "to goal (s)", primary=True),
         Metric("min_clearance", "clearance (mm)", 1e3),
+    ),
+    "ExcavatorPayload-v0": (
+        Metric("success_easy", "easy (%)"),
+        Metric("tip_rms", "tip RMS (mm)", 1e3, primary=True),
+        Metric("tip_max", "tip worst (mm)", 1e3),
+        Metric("waypoint_error", "at waypoints (mm)", 1e3),
     ),
 }
 
 
 def primary_metric(env_id: str) -> Metric | None:
-    """The number by which episodes of a task are compared, the one its bound is of; the less, the better."""
-    bound = BOUNDS.get(env_id)
-    return next((metric for metric in METRICS.get(env_id, ()) if bound and metric.key == bound.metric), None)
+    """The number by which episodes of a task are compared; the less, the better."""
+    return next((metric for metric in METRICS.get(env_id, ()) if metric.primary), None)
 
 
 @dataclass

@@ -65,7 +65,9 @@ def draw_courses(courses: Sequence[Course], start: str) -> Figure:
         axes.tick_params(labelleft=place % columns == 0)
     axes = sheet.add_axes((_LEFT / WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / WIDTH, _CURVES / total))
     _draw_curves(axes, courses, times, colors)
-    target = "squares: the part on its belt" if _rides(courses[0]) else "star: the goal"
+    target = "dotted: the reference" if _moves(courses[0]) else "star: the goal"
+    if _rides(courses[0]):
+        target = "squares: the part on its belt"
     text = f"{start}. Numbers: the same {_INSTANTS} instants in every panel; darker: later; {target}. Axes in metres."
     sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=_rgb(palette.INK))
     return sheet
@@ -93,7 +95,12 @@ def _colors(courses: Sequence[Course]) -> list[Rgb]:
 
 
 def _rides(course: Course) -> bool:
-    """Whether the target moves: a part on a belt."""
+    """Whether the target is a part on a belt."""
+    return STORIES[course.env_id].belt
+
+
+def _moves(course: Course) -> bool:
+    """Whether the target moves."""
     return bool(np.ptp(course.target, axis=0).any())
 
 
@@ -135,8 +142,10 @@ def _draw_panel(axes: Axes, course: Course, times: Array, color: Rgb, scale: flo
     hand = course.joints[:until, -1]
     axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
     axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
+    if _moves(course) and not _rides(course):
+        axes.plot(*course.target[:until].T, color=_rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
     _label_hands(axes, course.joints[shown, -1], labels, color)
-    if not _rides(course):
+    if not _moves(course):
         star = {"color": _rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
         axes.plot(*course.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
     axes.set_title(f"{course.policy}: {course.outcome}", fontsize=10, color=color, fontweight="bold")

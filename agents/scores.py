@@ -29,7 +29,7 @@ from agents.evaluation import Evaluation, Policy, evaluate, known_env_ids
 from agents.files import write_json
 from agents.leaderboard import LIMIT_TOLERANCE, METRICS
 from agents.provenance import machine, versions
-from envs.experts import EXPERTS
+from envs.experts import expert_names
 
 FILE = Path(__file__).parent / "data" / "scores.json"
 FIRST_SEED, EPISODES = 500_000, 50
@@ -76,11 +76,12 @@ def main(options: ScoresOptions) -> int:
 
 def entrants() -> list[tuple[str, str]]:
     """Environments, and names of what is scored there: experts, and ``agent`` where an agent is shipped."""
-    experts, with_agent = [name for name in EXPERTS if name != "random"], shipped_agents()
+    with_agent = shipped_agents()
     return [
         (env_id, name)
         for env_id in known_env_ids()
-        for name in (*experts, *([SHIPPED] if env_id in with_agent else []))
+        for name in (*expert_names(env_id), *([SHIPPED] if env_id in with_agent else []))
+        if name != "random"
     ]
 
 

@@ -16,6 +16,7 @@ _TASKS = {
     "ConveyorTrack-v0": "envs.conveyor_track:ConveyorTrack",
     "MinTorqueMove-v0": "envs.min_torque_move:MinTorqueMove",
     "ObstacleDodge-v0": "envs.obstacle_dodge:ObstacleDodge",
+    "ExcavatorPayload-v0": "envs.excavator_payload:ExcavatorPayload",
 }
 
 for _env_id, _name in _TASKS.items():

@@ -273,7 +273,7 @@ class _Camera:
 
     def follow(self) -> None:
         """Remember where the hand is."""
-        self._trail.append(self._task.arm.forward_kinematics(self._task.lanes["q"][self._lane]))
+        self._trail.append(self._task.hand_position(self._lane))
 
     def frame(self) -> Frame:
         """Draw the lane as it is now."""

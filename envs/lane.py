@@ -12,6 +12,13 @@ from envs.world import place_arm
 @njit(cache=True, nogil=True)
 def begin_episode(lane: Any, shared: Any) -> None:
     """Put the arm at rest at ``lane.q``, and forget the last episode."""
+    clear_episode(lane)
+    place_arm(lane, shared)
+
+
+@njit(cache=True, nogil=True)
+def clear_episode(lane: Any) -> None:
+    """Forget the last episode; joints are at rest."""
     lane.qd[:] = 0.0
     lane.qdd[:] = 0.0
     lane.tau[:] = 0.0
@@ -22,7 +29,6 @@ def begin_episode(lane: Any, shared: Any) -> None:
     lane.peak_torque = 0.0
     lane.terminated = lane.truncated = lane.success = False
     lane.step = 0
-    place_arm(lane, shared)
 
 
 @njit(cache=True, nogil=True)

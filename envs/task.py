@@ -129,6 +129,10 @@ class Task(ABC):
         """
         raise NotImplementedError(f"the goal of {self.env_id} is no place for the hand")
 
+    def hand_position(self, lane: int) -> Array:
+        """Where the hand of a lane is, ``(2,)``, m."""
+        return self.arm.forward_kinematics(self.lanes["q"][lane])
+
     @abstractmethod
     def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
         """What a frame of this lane shows, with the hand positions so far."""

@@ -146,22 +146,38 @@ def place_arm(lane: Any, model: Any) -> None:
         y += length * sin_earlier
         vx -= length * w * sin_now
         vy += length * w * cos_now
-    # All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
+    remove_joints(lane)
     for i in range(n):
-        chipmunk.space_remove_constraint(lane.space, lane.joints[i])
-    for i in range(n):
-        joint = lane.joints[i]
-        owner = chipmunk.constraint_get_user_data(joint)
-        if i == 0:
-            chipmunk.pivot_joint_init(
-                joint, lane.ground, lane.links[0], model.base[0], model.base[1], -model.coms[0], 0.0
-            )
-        else:
-            outer_end = model.lengths[i - 1] - model.coms[i - 1]
-            chipmunk.pivot_joint_init(joint, lane.links[i - 1], lane.links[i], outer_end, 0.0, -model.coms[i], 0.0)
-        chipmunk.constraint_set_user_data(joint, owner)
-        chipmunk.constraint_set_error_bias(joint, model.error_bias)
-        chipmunk.space_add_constraint(lane.space, joint)
+        outer_end = model.lengths[i - 1] - model.coms[i - 1] if i > 0 else 0.0
+        renew_joint(lane, model, i, outer_end, -model.coms[i])
+
+
+@njit(cache=True, nogil=True)
+def remove_joints(lane: Any) -> None:
+    """Take the joints of one lane out of its space.
+
+    All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
+    """
+    for joint in lane.joints:
+        chipmunk.space_remove_constraint(lane.space, joint)
+
+
+@njit(cache=True, nogil=True)
+def renew_joint(lane: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
+    """Make joint ``i`` of one lane anew, and put it into the space.
+
+    It holds the place ``outer_end`` on the x axis of the link before (or the base) to ``inner_end`` on that of its own,
+    both in the frames of the bodies, m.
+    """
+    joint = lane.joints[i]
+    owner = chipmunk.constraint_get_user_data(joint)
+    if i == 0:
+        chipmunk.pivot_joint_init(joint, lane.ground, lane.links[0], model.base[0], model.base[1], inner_end, 0.0)
+    else:
+        chipmunk.pivot_joint_init(joint, lane.links[i - 1], lane.links[i], outer_end, 0.0, inner_end, 0.0)
+    chipmunk.constraint_set_user_data(joint, owner)
+    chipmunk.constraint_set_error_bias(joint, model.error_bias)
+    chipmunk.space_add_constraint(lane.space, joint)
 
 
 @njit(cache=True, nogil=True)

@@ -36,7 +36,7 @@ from agents.training.ppo import SegmentedPPO, agent_tensors, fine_elements
 from agents.training.vec_env import LanesVecEnv
 from agents.training.warm_start import clone_expert
 from agents.training.whole_episodes import WholeEpisodes
-from envs.experts import EXPERTS
+from envs.experts import expert_names
 from envs.settings import refuse_unknown
 
 TRAINING_SEEDS = 2**31
@@ -283,7 +283,7 @@ def _segment_state(seed: int, segment: int) -> NDArray[Any]:
 def _check(config: TrainingConfig) -> None:
     """Raise a ValueError for what the configuration names and is not there, before anything is written."""
     fine_elements(config, layout_of(config.env, config.env_config))
-    refuse_unknown(config.rivals, EXPERTS, "expert")
+    refuse_unknown(config.rivals, expert_names(config.env), "expert")
     if config.warm_start:
         with closing(gym.make(config.env, **config.env_config)) as env:
             envs.make_expert(config.warm_start.expert, env)

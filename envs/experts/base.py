@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.actuation import action_scale
+from envs.experts.adaptation import Knowledge, PayloadAdaptation, loaded_arms
 from envs.observation import Observation
 from envs.task import Task
-from planners.control import held_torque
+from planners import Arm, Infeasible, MotionProblem, Trajectory
+from planners.control import held_torque, within_torque
 from planners.typing import Array
 
 Actions = NDArray[np.float32]
+Planner = Callable[[MotionProblem], Trajectory]
 
 
 class Expert(ABC):
     """A policy that is not learnt.
+
+    It takes the arm for unloaded, unless `adapt` makes it weigh what the hand holds.
 
     Attributes:
         plans_made: number of motions planned so far.
@@ -32,12 +39,29 @@ class Expert(ABC):
         self.planning_seconds = 0.0
         self.infeasible = 0
         self._memory: Any = None
+        self._adaptation: PayloadAdaptation | None = None
+        self._payload: Array = np.zeros(0)
         if task.action_space().shape != (task.arm.n_joints,):
             raise ValueError(
                 f"experts act at every instant, and control_mode {task.config.control_mode!r} of {task.env_id} takes "
                 "another kind of action; leave it out"
             )
         self._scale = action_scale(task.arm, task.actuation_mode(task.config))
+
+    def adapt(self) -> Self:
+        """From now on estimate the payload, and plan and act for the arm that holds it; see `PayloadAdaptation`.
+
+        Raises:
+            ValueError: if that cannot be done in this environment or control mode.
+        """
+        self._adaptation = PayloadAdaptation(self.task)
+        self._memory = None
+        return self
+
+    @property
+    def mass_estimate(self) -> Array | None:
+        """What it takes the payloads to weigh after the last call, ``(lanes,)``, kg; None if it does not weigh them."""
+        return self._memory.mass_estimate if isinstance(self._memory, Knowledge) else None
 
     def predict(
         self,
@@ -65,8 +89,17 @@ class Expert(ABC):
         starts = np.zeros(len(batch), dtype=bool)
         if episode_start is not None:
             starts |= np.asarray(episode_start, dtype=bool)
-        actions, self._memory = self._act(batch, self._memory if state is None else state, starts)
-        clipped: Actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
+        memory = self._memory if state is None else state
+        if self._adaptation is None:
+            self._payload = np.zeros(len(batch))
+            actions, self._memory = self._act(batch, memory, starts)
+            clipped = _clipped(actions)
+        else:
+            known = self._adaptation.weigh(batch, cast(Knowledge | None, memory), starts)
+            self._payload = known.mass_estimate
+            actions, inner = self._act(batch, known.expert, starts)
+            clipped = _clipped(actions)
+            self._memory = known.having_held(self._scale * clipped, inner)
         return (clipped[0] if np.ndim(observation) == 1 else clipped), self._memory
 
     @abstractmethod
@@ -90,5 +123,36 @@ class Expert(ABC):
             wanted = seen["joint_velocity"] + config.control_period * qdd
         else:
             q, qd = seen["joint_position"], seen["joint_velocity"]
-            wanted = held_torque(self.task.arm, q, qd, qdd, config.control_period)
+            wanted = np.empty_like(qdd)
+            for arm, lanes in self._arms():
+                wanted[lanes] = held_torque(arm, q[lanes], qd[lanes], qdd[lanes], config.control_period)
         return wanted / self._scale
+
+    def _plan(self, planner: Planner, problem: MotionProblem) -> Trajectory | None:
+        """A plan, counted and timed; None if the problem has no solution."""
+        began = time.perf_counter()
+        try:
+            return planner(problem)
+        except Infeasible:
+            self.infeasible += 1
+            return None
+        finally:
+            self.plans_made += 1
+            self.planning_seconds += time.perf_counter() - began
+
+    def _within_torque(self, seen: dict[str, Array], qdd: Array) -> Array:
+        """Accelerations ``(lanes, n)`` scaled down, lane by lane, until their torques fit the limits."""
+        q, qd, fitting = seen["joint_position"], seen["joint_velocity"], np.empty_like(qdd)
+        for arm, lanes in self._arms():
+            state = q[lanes], qd[lanes], qdd[lanes]
+            fitting[lanes] = within_torque(arm, *state, self.task.config.control_period)
+        return fitting
+
+    def _arms(self) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
+        """The arms, with what they are taken to hold, each with its lanes."""
+        return loaded_arms(self.task.arm, self._payload)
+
+
+def _clipped(actions: Array) -> Actions:
+    clipped: Actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
+    return clipped

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from envs.experts.base import Expert
 from envs.observation import Observation
 from envs.task import Task
-from planners.control import within_torque
 from planners.typing import Array
 
 
@@ -43,8 +42,7 @@ class FollowerExpert(Expert):
         square = np.einsum("lij,lkj->lik", jacobian, jacobian) + 1e-6 * np.eye(2)
         qdd = np.einsum("lji,lj->li", jacobian, np.linalg.solve(square, wanted[..., None])[..., 0])
         excess = np.max(np.abs(qdd) / np.array(arm.limits.acceleration), axis=1, keepdims=True)
-        qdd = within_torque(arm, q, qd, qdd / np.maximum(1.0, excess), self.task.config.control_period)
-        return self._action_for(seen, qdd), ()
+        return self._action_for(seen, self._within_torque(seen, qdd / np.maximum(1.0, excess))), ()
 
     def _centripetal(self, q: Array, qd: Array) -> Array:
         """Acceleration of the hand at constant joint velocities, ``(lanes, 2)``, m/s^2."""

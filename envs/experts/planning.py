@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.experts.base import Expert
+from envs.experts.base import Expert, Planner
 from envs.observation import Observation
 from envs.task import Task
-from planners import Infeasible, MotionProblem, Trajectory
-from planners.control import Gains, tracking_acceleration, within_torque
+from planners.control import Gains, tracking_acceleration
 from planners.typing import Array
 
-Planner = Callable[[MotionProblem], Trajectory]
+PAYLOAD_TOLERANCE = 0.01
+"""Error of the payload that a plan was made for, kg, from which on it is made anew."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +26,8 @@ class _Tracking:
         q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
         begun: control periods that were left when the plan was made, ``(lanes,)``.
         last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
+        posed: observations that posed what was planned, ``(lanes, size)``.
+        payload: what was taken for the payloads then, ``(lanes,)``, kg.
         due: control periods that the next observation should leave, ``(lanes,)``.
     """
 
@@ -35,6 +35,8 @@ class _Tracking:
     qd: Array
     begun: NDArray[np.int64]
     last: NDArray[np.int64]
+    posed: Observation
+    payload: Array
     due: NDArray[np.int64]
 
 
@@ -42,7 +44,8 @@ class PlanningExpert(Expert):
     """Plans at the start of an episode, and again from time to time if asked to; tracks the plan by computed torque.
 
     Where an observation does not continue the remembered episode, the lane is planned anew from there. A lane without
-    a plan (the problem has no solution), or past the end of its plan, brakes within its limits.
+    a plan (the problem has no solution), or past the end of its plan, brakes within its limits. An expert that
+    weighs the payload plans anew as soon as a plan was made for another.
 
     Args:
         task: the environment's task.
@@ -69,7 +72,13 @@ class PlanningExpert(Expert):
         if self._replan_every is not None:
             anew |= tracking.begun - left >= self._replan_every
         if anew.any():
-            tracking = self._replan(observations, tracking, left, anew)
+            tracking, _ = self._replanned(_forgotten(tracking, observations, left, anew), observations, left, anew)
+        misjudged = np.abs(self._payload - tracking.payload) > PAYLOAD_TOLERANCE
+        if misjudged.any():
+            posed, begun = tracking.posed, tracking.begun
+            tracking, planned = self._replanned(tracking, observations, left, misjudged)
+            # Not every planner takes over a moving arm. In the first periods it has hardly left the old start.
+            tracking, _ = self._replanned(tracking, posed, begun, misjudged & ~planned)
         lanes, sample = np.arange(len(observations)), tracking.begun - left
         now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
         qdd = tracking_acceleration(
@@ -88,42 +97,58 @@ class PlanningExpert(Expert):
     def _nothing(self, n_lanes: int) -> _Tracking:
         samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
         zero = np.zeros(n_lanes, dtype=np.int64)
-        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, zero - 1)
+        posed = np.zeros((n_lanes, self.task.layout.size), dtype=np.float32)
+        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, posed, np.zeros(n_lanes), zero - 1)
 
-    def _replan(
-        self, observations: Observation, old: _Tracking, left: NDArray[np.int64], anew: NDArray[np.bool_]
-    ) -> _Tracking:
-        new = _Tracking(old.q.copy(), old.qd.copy(), np.where(anew, left, old.begun), old.last.copy(), old.due)
+    def _replanned(
+        self, old: _Tracking, observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
+    ) -> tuple[_Tracking, NDArray[np.bool_]]:
+        """Some lanes planned anew, from observations with so many periods left; and which of them have a new plan.
+
+        The others keep what they have.
+        """
+        new = replace(
+            old,
+            q=old.q.copy(),
+            qd=old.qd.copy(),
+            begun=old.begun.copy(),
+            last=old.last.copy(),
+            posed=old.posed.copy(),
+            payload=np.where(anew, self._payload, old.payload),
+        )
+        planned = np.zeros_like(anew)
         period = self.task.config.control_period
         for lane in np.flatnonzero(anew):
-            plan = self._plan(self.task.motion_problem(observations[lane]))
-            new.last[lane] = 0
+            problem = self.task.motion_problem(observations[lane])
+            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[lane])))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
                 new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
-                new.last[lane] = last
-        return new
-
-    def _plan(self, problem: MotionProblem) -> Trajectory | None:
-        began = time.perf_counter()
-        try:
-            return self._planner(problem)
-        except Infeasible:
-            self.infeasible += 1
-            return None
-        finally:
-            self.plans_made += 1
-            self.planning_seconds += time.perf_counter() - began
+                new.begun[lane], new.last[lane], new.posed[lane] = left[lane], last, observations[lane]
+                planned[lane] = True
+        return new, planned
 
     def _braking(self, seen: dict[str, Array]) -> Array:
         """Accelerations that bring the joints to rest within the limits."""
         arm, period = self.task.arm, self.task.config.control_period
         acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
-        q, qd, qdd = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
+        qd, qdd = seen["joint_velocity"], seen["joint_acceleration"]
         # Speed v is shed to rest at full jerk from an acceleration of at most sqrt(2 jerk v).
         limited = np.isfinite(jerk)
         smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
         gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
-        wanted = within_torque(arm, q, qd, -np.sign(qd) * gentle, period)
+        wanted = self._within_torque(seen, -np.sign(qd) * gentle)
         reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
         return reachable
+
+
+def _forgotten(
+    old: _Tracking, observations: Observation, left: NDArray[np.int64], lanes: NDArray[np.bool_]
+) -> _Tracking:
+    """The same without the plans of some lanes, which begin with these observations."""
+    return replace(
+        old,
+        begun=np.where(lanes, left, old.begun),
+        last=np.where(lanes, 0, old.last),
+        posed=np.where(lanes[:, None], observations, old.posed),
+    )

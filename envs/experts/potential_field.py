@@ -23,16 +23,17 @@ class MovingTargetExpert(Expert):
         seen = self.task.layout.parse(observations)
         # What was asked for is what the jerk is counted from: with a payload nobody knows of it is not what came of it.
         asked = seen["joint_acceleration"]
-        if isinstance(state, np.ndarray) and state.shape == asked.shape:
+        if self._adaptation is None and isinstance(state, np.ndarray) and state.shape == asked.shape:
             asked = np.where((starts | self._begins(seen))[:, None], asked, state)
-        qdd = approach(
-            self.task.arm,
+        q, qd, goal, qdd = (
             seen["joint_position"],
             seen["joint_velocity"],
-            asked,
             self.task.hand_goal(seen),
-            self.task.config.control_period,
+            np.empty_like(asked),
         )
+        for arm, lanes in self._arms():
+            target = goal[0][lanes], goal[1][lanes], goal[2][lanes]
+            qdd[lanes] = approach(arm, q[lanes], qd[lanes], asked[lanes], target, self.task.config.control_period)
         return self._action_for(seen, qdd), qdd
 
 
@@ -41,14 +42,10 @@ class JointFieldExpert(Expert):
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
         seen = self.task.layout.parse(observations)
-        qdd = reach(
-            self.task.arm,
-            seen["joint_position"],
-            seen["joint_velocity"],
-            seen["goal"],
-            seen["time_left"][:, 0],
-            self.task.config.control_period,
-        )
+        q, qd, goal, left = (seen[name] for name in ("joint_position", "joint_velocity", "goal", "time_left"))
+        qdd, period = np.empty_like(q), self.task.config.control_period
+        for arm, lanes in self._arms():
+            qdd[lanes] = reach(arm, q[lanes], qd[lanes], goal[lanes], left[lanes, 0], period)
         return self._action_for(seen, qdd), ()
 
 
@@ -70,18 +67,24 @@ class DodgingExpert(Expert):
         lanes, discs = seen["obstacle_radius"].shape
         memory = new_memory(lanes, discs) if state is None or len(state) != lanes else state.copy()
         memory[starts | self._begins(seen)] = np.zeros(1, memory.dtype)
-        base = self.task.arm.base_array
-        qdd = dodge_accelerations(
-            self.task.arm,
-            self._gains,
-            seen["joint_position"],
-            seen["joint_velocity"],
-            seen["goal"] + base,
-            seen["obstacle"].reshape(lanes, discs, 2) + base,
-            seen["obstacle_velocity"].reshape(lanes, discs, 2),
-            seen["obstacle_radius"],
-            memory,
-            self.task.config.control_period,
-            **self._rules,
-        )
+        q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
+        places = seen["obstacle"].reshape(lanes, discs, 2) + base
+        rates = seen["obstacle_velocity"].reshape(lanes, discs, 2)
+        qdd = np.empty_like(q)
+        for arm, chosen in self._arms():
+            part = memory[chosen]
+            qdd[chosen] = dodge_accelerations(
+                arm,
+                self._gains,
+                q[chosen],
+                qd[chosen],
+                seen["goal"][chosen] + base,
+                places[chosen],
+                rates[chosen],
+                seen["obstacle_radius"][chosen],
+                part,
+                self.task.config.control_period,
+                **self._rules,
+            )
+            memory[chosen] = part
         return self._action_for(seen, qdd), memory

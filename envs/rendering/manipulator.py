@@ -1,4 +1,4 @@
-"""The arm: base, tapered links, joints with torque arcs, and the gripper."""
+"""The arm: base, tapered links, joints with torque arcs, and the gripper or the bucket."""
 
 from __future__ import annotations
 
@@ -16,9 +16,15 @@ if TYPE_CHECKING:
 
 TORQUE_ARC = np.radians(120.0)
 """Length of the arc around a joint at its torque limit."""
+BUCKET = np.array([[0.0, -0.06], [-0.1, 0.12], [0.0, 0.42], [0.25, 0.6], [0.55, 0.58], [0.84, 0.36], [1.0, 0.0]])
+"""Outline of a bucket, joint to tip: along the line between them and to its left, in units of its length."""
+HOLLOW = np.array([0.42, 0.16])
+"""Towards which the outline shrinks to that of the bucket's inside, in the same units."""
 
 
-def draw_arm(canvas: Canvas, camera: Camera, joints: Array, torque_ratios: Array, *, closed: bool) -> None:
+def draw_arm(
+    canvas: Canvas, camera: Camera, joints: Array, torque_ratios: Array, *, closed: bool, bucket: float | None = None
+) -> None:
     """The whole arm; its thickness goes with its reach.
 
     Args:
@@ -27,12 +33,13 @@ def draw_arm(canvas: Canvas, camera: Camera, joints: Array, torque_ratios: Array
         joints: positions of the joints and the hand, ``(n + 1, 2)``, m.
         torque_ratios: torque over limit, ``(n,)``, shown as arcs around the joints.
         closed: whether the gripper is closed.
+        bucket: how full the bucket is that takes the place of the last link and its gripper.
     """
     points = camera.pixels(joints)
     reach = float(np.hypot(*np.diff(points, axis=0).T).sum())
     thickness = 0.04 * reach
     wrist = _wrist(points, thickness)
-    chain = np.concatenate([points[:-1], [wrist]])
+    chain = points[:-1] if bucket is not None else np.concatenate([points[:-1], [wrist]])
     radii = thickness * np.linspace(1.0, 0.55, len(chain))
     with canvas.layer(points, 3.0 * thickness):
         shift = np.array([0.18, 0.32]) * thickness
@@ -42,7 +49,10 @@ def draw_arm(canvas: Canvas, camera: Camera, joints: Array, torque_ratios: Array
     for i in range(len(chain) - 1):
         color = palette.mix(palette.LINK_BASE, palette.LINK_HAND, i / max(1, len(chain) - 2))
         _draw_link(canvas, chain[i], chain[i + 1], (radii[i], radii[i + 1]), color)
-    _draw_gripper(canvas, wrist, points[-1], thickness, closed=closed)
+    if bucket is not None:
+        _draw_bucket(canvas, points[-2], points[-1], thickness, bucket)
+    else:
+        _draw_gripper(canvas, wrist, points[-1], thickness, closed=closed)
     for joint, ratio in enumerate(torque_ratios):
         _draw_joint(canvas, points[joint], radii[joint], float(ratio))
 
@@ -94,3 +104,19 @@ def _draw_gripper(canvas: Canvas, wrist: Array, hand: Array, thickness: float, *
         canvas.line(tip, tip - side * 0.2 * thickness * across, width, palette.LINK_BASE)
     canvas.disc(hand, 0.34 * thickness, palette.PANEL)
     canvas.disc(hand, 0.25 * thickness, palette.HAND)
+
+
+def _draw_bucket(canvas: Canvas, joint: Array, tip: Array, thickness: float, full: float) -> None:
+    """A bucket from the side, with what is in it, and a dot at its tip."""
+    along = tip - joint
+    axes = np.stack([along, [along[1], -along[0]]])  # pixels run down, so this is to the left
+    shell = joint + BUCKET @ axes
+    canvas.polygon(shell, palette.LINK_BASE)
+    inside = joint + (HOLLOW + 0.82 * (BUCKET - HOLLOW)) @ axes
+    canvas.polygon(inside, palette.mix(palette.LINK_BASE, palette.PANEL, 0.25))
+    if full > 0.0:
+        heap = np.concatenate([[[0.1, 0.0], [0.45, -0.12], [0.9, 0.0]], BUCKET[5:1:-1]])
+        middle = np.array([0.45, 0.4])
+        canvas.polygon(joint + (middle + 0.8 * np.sqrt(full) * (heap - middle)) @ axes, palette.EARTH)
+    canvas.disc(tip, 0.34 * thickness, palette.PANEL)
+    canvas.disc(tip, 0.25 * thickness, palette.HAND)

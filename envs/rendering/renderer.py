@@ -62,6 +62,8 @@ class Renderer:
         canvas, camera, unit = self._canvas, self._camera, self._unit
         joints = np.asarray(scene.joints, dtype=float)
         workcell.draw_floor(canvas, camera, joints, unit)
+        if scene.ground is not None:
+            workcell.draw_ground(canvas, camera, scene.ground, unit)
         if scene.belt is not None:
             workcell.draw_belt(canvas, camera, scene.belt)
         workcell.draw_obstacles(canvas, camera, scene.obstacles, unit)
@@ -71,7 +73,7 @@ class Renderer:
             workcell.draw_trail(canvas, camera, np.asarray(scene.trail, dtype=float), unit)
         if scene.part is not None:
             workcell.draw_part(canvas, camera, scene.part, unit, settled=scene.settled)
-        manipulator.draw_arm(canvas, camera, joints, scene.torque_ratios, closed=scene.settled)
+        manipulator.draw_arm(canvas, camera, joints, scene.torque_ratios, closed=scene.settled, bucket=scene.bucket)
         self._panel.draw_backdrop()
         self._panel.draw(scene)
         picture = canvas.finish()

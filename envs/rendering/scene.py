@@ -41,6 +41,8 @@ class Scene:
         target: position to reach, ``(2,)``, m.
         obstacles: discs ``(x, y, radius)``, m.
         status: lines of (label, value with its unit, whether it is good).
+        bucket: how full the bucket is that the arm ends in, 0 to 1; a gripper when left out.
+        ground: height of the ground, for an arm that moves in a vertical plane, m.
         limit_gauges: bars of (label, value over limit); red past 1.
     """
 
@@ -56,4 +58,6 @@ class Scene:
     target: Array | None = None
     obstacles: tuple[tuple[float, float, float], ...] = ()
     status: tuple[tuple[str, str, bool], ...] = ()
+    bucket: float | None = None
+    ground: float | None = None
     limit_gauges: tuple[tuple[str, float], ...] = ()

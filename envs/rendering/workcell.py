@@ -37,6 +37,15 @@ def draw_floor(canvas: Canvas, camera: Camera, joints: Array, unit: float) -> No
     _draw_scale(canvas, camera, step, unit)
 
 
+def draw_ground(canvas: Canvas, camera: Camera, height: float, unit: float) -> None:
+    """The surface of the ground and, translucent, what is below."""
+    low, high = camera.visible
+    below = camera.pixels([[low[0], height], [high[0], height], [high[0], low[1]], [low[0], low[1]]])
+    with canvas.layer(below, 0.0):
+        canvas.polygon(below, (*palette.EARTH, 60))
+    canvas.line(below[0], below[1], 2.0 * unit, palette.EARTH)
+
+
 def _draw_scale(canvas: Canvas, camera: Camera, length: float, unit: float) -> None:
     left, y = 20.0 * unit, camera.size[1] - 20.0 * unit
     right = left + length * camera.scale

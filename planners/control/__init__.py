@@ -9,6 +9,7 @@ from planners.control.adaptive import AdaptiveComputedTorque, AdaptiveController
 from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
 from planners.control.fixed import ComputedTorque, IntegralComputedTorque, PDGravity
 from planners.control.model import ArmModel
+from planners.control.planar import PlanarArmModel
 from planners.control.tracking import (
     Gains,
     computed_torque,
@@ -18,6 +19,7 @@ from planners.control.tracking import (
     tracking_acceleration,
     within_torque,
 )
+from planners.control.weighing import PayloadScale, Weighing
 
 __all__ = [
     "AdaptiveComputedTorque",
@@ -31,8 +33,11 @@ __all__ = [
     "IntegralSlotineLi",
     "PDGravity",
     "PayloadPrior",
+    "PayloadScale",
+    "PlanarArmModel",
     "Sample",
     "SlotineLi",
+    "Weighing",
     "computed_torque",
     "held_torque",
     "held_torque_lane",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.control.controller import Controller, ControlSettings, Lanes, PayloadPrior, Sample
+from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
 from planners.control.fixed import ComputedTorque
 from planners.control.model import ArmModel
 from planners.typing import Array
@@ -49,23 +49,16 @@ class AdaptiveComputedTorque(AdaptiveController, ComputedTorque):
     be regular.
     """
 
-    def __init__(
-        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
-    ) -> None:
-        self._qd_before = np.full((lanes, model.n_joints), np.nan)
-        super().__init__(model, settings, prior, gain, lanes)
+    _carried_at_first = np.nan  # carried is the last velocity, and before the first sample there is none
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
-        measured = (sample.qd - self._qd_before) / self.settings.period
-        qdd = np.where(np.isnan(measured), sample.qdd_d, measured)  # there is no velocity before the first sample
+        measured = (sample.qd - self._carried) / self.settings.period
+        qdd = np.where(np.isnan(measured), sample.qdd_d, measured)
         direction = free * (self.settings.bandwidth * sample.error + sample.error_rate)
         m = self.model.mass_matrix(sample.q, self.parameters)
         settled: Array = np.linalg.solve(m, direction[..., None])[..., 0].astype(np.float64, copy=False)
         self._adapt(self.model.regressor(sample.q, sample.qd, sample.qd, qdd), settled)
-        self._qd_before[:] = sample.qd
-
-    def _forget(self, lanes: Lanes) -> None:
-        self._qd_before[lanes] = np.nan
+        self._carried[:] = sample.qd
 
 
 class SlotineLi(AdaptiveController):
@@ -96,24 +89,15 @@ class IntegralSlotineLi(SlotineLi):
     """Slotine and Li's law with an integral in the sliding variable, ``s = e' + 2 lambda e + lambda^2 int e``.
 
     If the model is right the error has a triple pole at -lambda, as that of `IntegralComputedTorque`. What no parameter
-    stands for (friction, another centre of mass) is left to the integral.
+    stands for (friction, another centre of mass) is left to the integral, which is carried on.
     """
-
-    def __init__(
-        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
-    ) -> None:
-        self._integral = np.zeros((lanes, model.n_joints))
-        super().__init__(model, settings, prior, gain, lanes)
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         super()._learn(sample, free)
-        self._integral += self.settings.period * sample.error * free
-
-    def _forget(self, lanes: Lanes) -> None:
-        self._integral[lanes] = 0.0
+        self._carried += self.settings.period * sample.error * free
 
     def _reference(self, sample: Sample) -> tuple[Array, Array]:
         bandwidth = self.settings.bandwidth
-        qd_r = sample.qd_d + bandwidth * (2.0 * sample.error + bandwidth * self._integral)
+        qd_r = sample.qd_d + bandwidth * (2.0 * sample.error + bandwidth * self._carried)
         qdd_r = sample.qdd_d + bandwidth * (2.0 * sample.error_rate + bandwidth * sample.error)
         return qd_r, qdd_r

@@ -5,14 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.control.model import ArmModel
 from planners.typing import Array
-
-Lanes = slice | NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,9 @@ class Sample:
 class Controller(ABC):
     """A sampled tracking controller of an arm with a payload.
 
-    Arrays have a leading axis of lanes, arms that know nothing of each other; one arm is a batch of one.
+    Arrays have a leading axis of lanes, arms that know nothing of each other; one arm is a batch of one. What the law
+    carries from sample to sample is in `memory`, which can be taken out and put back: one controller then serves many
+    loops in turn.
 
     Args:
         model: the arm as the controller knows it.
@@ -94,19 +95,41 @@ class Controller(ABC):
         ValueError: if settings or prior do not fit the model.
     """
 
+    _carried_at_first: ClassVar[float] = 0.0
+    """What a joint's carried number is before the first sample."""
+
     def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, lanes: int = 1) -> None:
         for name in ("bandwidth", "inertia", "torque_limit"):
             _refuse_shape(name, getattr(settings, name), model.n_joints, "joints")
         _refuse_shape("initial", prior.initial, model.n_parameters, "parameters of the payload")
         self.model, self.settings, self.prior, self.lanes = model, settings, prior, lanes
-        self.parameters: Array = np.empty((lanes, model.n_parameters))
+        self._memory: Array = np.empty((lanes, model.n_parameters + model.n_joints))
+        self.parameters: Array = self._memory[:, : model.n_parameters]
+        self._carried: Array = self._memory[:, model.n_parameters :]
         self.reset()
 
     def reset(self, lanes: NDArray[np.bool_] | None = None) -> None:
         """Forget what was learnt, in the lanes of a mask ``(lanes,)`` or in all of them."""
-        chosen: Lanes = slice(None) if lanes is None else lanes
+        chosen = slice(None) if lanes is None else lanes
         self.parameters[chosen] = self.prior.initial
-        self._forget(chosen)
+        self._carried[chosen] = self._carried_at_first
+
+    @property
+    def memory(self) -> Array:
+        """What is carried to the next sample, ``(lanes, p + n)``: the estimates, then one number a joint.
+
+        That number is the integral of the error, or whatever else the law needs. Reading gives a copy.
+
+        Raises:
+            ValueError: on writing an array of another shape.
+        """
+        return self._memory.copy()
+
+    @memory.setter
+    def memory(self, memory: Array) -> None:
+        if np.shape(memory) != self._memory.shape:
+            raise ValueError(f"memory has shape {np.shape(memory)}; this controller's has {self._memory.shape}")
+        self._memory[:] = memory
 
     @property
     def mass_estimate(self) -> Array:
@@ -114,12 +137,16 @@ class Controller(ABC):
         mass: Array = self.parameters[:, 0]
         return mass
 
-    def torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+    def torque(
+        self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array, *, within: tuple[Array, Array] | None = None
+    ) -> Array:
         """Torques to hold for a period, within the limits; learns from the sample.
 
         Args:
             q, qd: measured angles and velocities, ``(lanes, n)``.
             q_d, qd_d, qdd_d: wanted angles, velocities and accelerations, ``(lanes, n)``.
+            within: least and largest torques that can be had at this sample, ``(lanes, n)`` each, N m; the limits of
+                the settings when left out.
 
         Returns:
             ``(lanes, n)``, N m.
@@ -127,9 +154,14 @@ class Controller(ABC):
         sample = Sample(q, qd, q_d, qd_d, qdd_d)
         wanted = self._wanted(sample)
         limit = self.settings.torque_limit
-        tau: Array = np.clip(wanted, -limit, limit)
+        lower, upper = within or (-limit, limit)
+        tau: Array = np.clip(wanted, lower, upper)
         self._learn(sample, free=tau == wanted)
         return tau
+
+    def wanted_torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+        """What the law asks for, whatever the limits are, as `torque` has it; nothing is learnt from the sample."""
+        return self._wanted(Sample(q, qd, q_d, qd_d, qdd_d))
 
     @abstractmethod
     def _wanted(self, sample: Sample) -> Array:
@@ -140,9 +172,6 @@ class Controller(ABC):
 
         Where it is not, the error is the limit's doing and says nothing: integrals and estimates leave it out.
         """
-
-    def _forget(self, lanes: Lanes) -> None:  # noqa: B027
-        """Clear what a subclass remembers from sample to sample."""
 
 
 def _refuse_shape(name: str, values: ArrayLike, count: int, what: str) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.control.controller import Controller, ControlSettings, Lanes, PayloadPrior, Sample
-from planners.control.model import ArmModel
+from planners.control.controller import Controller, Sample
 from planners.typing import Array
 
 
@@ -33,19 +32,12 @@ class ComputedTorque(Controller):
 
 
 class IntegralComputedTorque(ComputedTorque):
-    """Computed torque with an integral of the error: a triple pole at -lambda if the model is right."""
-
-    def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, lanes: int = 1) -> None:
-        self._integral = np.zeros((lanes, model.n_joints))
-        super().__init__(model, settings, prior, lanes)
+    """Computed torque with an integral of the error, carried on: a triple pole at -lambda if the model is right."""
 
     def _acceleration(self, sample: Sample) -> Array:
         bandwidth = self.settings.bandwidth
-        feedback = 3.0 * (bandwidth * sample.error + sample.error_rate) + bandwidth**2 * self._integral
+        feedback = 3.0 * (bandwidth * sample.error + sample.error_rate) + bandwidth**2 * self._carried
         return sample.qdd_d + bandwidth * feedback
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
-        self._integral += self.settings.period * sample.error * free
-
-    def _forget(self, lanes: Lanes) -> None:
-        self._integral[lanes] = 0.0
+        self._carried += self.settings.period * sample.error * free

@@ -180,15 +180,16 @@ def _bracket(steps: _Steps, horizon: float) -> tuple[_GridPath | None, _GridPath
     if not np.isfinite(path.effort):
         return None, None
     sides: list[_GridPath | None] = [None, None]
-    slower = path.duration > horizon
+    slower = int(path.duration > horizon)
     sides[slower] = path
     change = path.effort / path.duration + 1e-12
     for _ in range(EXPANSIONS):
         rate += change if slower else -change
         change *= 3.0
         path = steps.best(rate)
-        sides[path.duration > horizon] = path
-        if (path.duration > horizon) != slower:
+        side = int(path.duration > horizon)
+        sides[side] = path
+        if side != slower:
             break
     fast, slow = sides
     if fast is None or slow is None:

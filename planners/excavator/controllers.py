@@ -1,4 +1,4 @@
-"""The controllers of :mod:`planners.control` with gains for the excavator attachment."""
+"""The controllers of :mod:`planners.control` with gains for the excavator attachment, whole or in one plane."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from planners.control import (
 from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload_basis
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.motion import WORK_CYCLE
+from planners.excavator.plane import JOINTS, planar_model
 
 FIXED: dict[str, type[Controller]] = {
     "pd-gravity": PDGravity,
@@ -43,6 +44,14 @@ HEAVIEST, FARTHEST = 500.0, 0.2
 MOMENT_GAIN = 0.1
 """Gain of the first moments, as a share of that of the mass, 1/m^2."""
 
+PLANAR_GAIN_SHARE = {"adaptive-computed-torque": 0.1}
+"""Factor on the gain of a law, where it is not 1: with no inertia of drives the loop through ``M^-1`` is faster."""
+
+TYPICAL_PAYLOAD = 175.0
+"""With which the gains of boom, arm and bucket are scaled, kg: a load makes the bucket four times as hard to turn."""
+TYPICAL_POSTURE = (20.0, -75.0, 25.0)
+"""Of boom, arm and bucket, for the same purpose, deg."""
+
 
 def make_controller(
     name: str = DEFAULT,
@@ -66,8 +75,6 @@ def make_controller(
     """
     dynamics = ChainDynamics.of_excavator(machine)
     model = PayloadModel(dynamics, payload_basis(machine, moments=moments and name in ADAPTIVE))
-    upper = np.array([HEAVIEST, *(model.n_parameters - 1) * [HEAVIEST * FARTHEST]])
-    prior = PayloadPrior(initial=np.zeros_like(upper), lower=np.array([0.0, *-upper[1:]]), upper=upper)
     posture = WORK_CYCLE.postures.mean(axis=0, keepdims=True)
     settings = ControlSettings(
         period=period,
@@ -75,10 +82,37 @@ def make_controller(
         inertia=np.diag(dynamics.mass_matrix(posture)[0]).copy(),
         torque_limit=machine.torque_limit_array,
     )
+    return _make(name, model, settings, lanes)
+
+
+def make_planar_controller(
+    name: str = DEFAULT,
+    *,
+    moments: bool = True,
+    lanes: int = 1,
+    period: float = 0.02,
+    machine: Excavator = EXCAVATOR,
+) -> Controller:
+    """A controller of boom, arm and bucket alone; arguments and errors are those of `make_controller`."""
+    model = planar_model(machine, moments=moments and name in ADAPTIVE)
+    load = np.zeros((1, model.n_parameters))
+    load[:, 0] = TYPICAL_PAYLOAD
+    settings = ControlSettings(
+        period=period,
+        bandwidth=np.array(BANDWIDTH[JOINTS]),
+        inertia=np.diag(model.mass_matrix(np.radians([TYPICAL_POSTURE]), load)[0]).copy(),
+        torque_limit=machine.torque_limit_array[JOINTS],
+    )
+    return _make(name, model, settings, lanes, PLANAR_GAIN_SHARE.get(name, 1.0))
+
+
+def _make(name: str, model: PayloadModel, settings: ControlSettings, lanes: int, gain_share: float = 1.0) -> Controller:
+    upper = np.array([HEAVIEST, *(model.n_parameters - 1) * [HEAVIEST * FARTHEST]])
+    prior = PayloadPrior(initial=np.zeros_like(upper), lower=np.array([0.0, *-upper[1:]]), upper=upper)
     if name in FIXED:
         return FIXED[name](model, settings, prior, lanes)
     if name not in ADAPTIVE:
         raise ValueError(f"controller {name!r} must be one of {', '.join(map(repr, [*FIXED, *ADAPTIVE]))}")
     kind, gain = ADAPTIVE[name]
-    gains = gain * np.array([1.0, *(model.n_parameters - 1) * [MOMENT_GAIN]])
+    gains = gain_share * gain * np.array([1.0, *(model.n_parameters - 1) * [MOMENT_GAIN]])
     return kind(model, settings, prior, gains, lanes)

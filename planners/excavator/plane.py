@@ -7,9 +7,11 @@ inertia of their own here: that of rigid bodies is all that a planar simulator k
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from planners.arm import Arm, JointLimits
 from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload, payload_basis
 from planners.excavator.kinematics import frames
 from planners.excavator.machine import EXCAVATOR, Excavator
@@ -19,6 +21,30 @@ JOINTS = slice(1, 4)
 """Those of the five that move."""
 
 HELD_ROLL = math.radians(90.0)
+
+NO_LENGTH = 1e-3
+"""Of the bucket in `planar_arm`, m: a link must have some."""
+
+
+@dataclass(frozen=True)
+class PlanarBodies:
+    """The links as bodies in the plane. A link's frame sits at its joint; x points along boom and arm to the next one.
+
+    Attributes:
+        masses: kg, ``(3,)``.
+        coms: centres of mass in the links' frames, ``(3, 2)``, m.
+        inertias: moments about them, ``(3,)``, kg m^2.
+        lengths: of boom and arm, ``(2,)``, m.
+        tip: of the tool in the frame of the bucket, ``(2,)``, m.
+        payload_com: where the centre of a payload should be in that frame, ``(2,)``, m.
+    """
+
+    masses: Array
+    coms: Array
+    inertias: Array
+    lengths: Array
+    tip: Array
+    payload_com: Array
 
 
 def planar_dynamics(machine: Excavator = EXCAVATOR) -> ChainDynamics:
@@ -41,13 +67,68 @@ def planar_model(machine: Excavator = EXCAVATOR, moments: bool = False) -> Paylo
     return PayloadModel(planar_dynamics(machine), basis[[0, 2, 3]] if moments else basis)
 
 
-def planar_payload(mass: float, machine: Excavator = EXCAVATOR) -> Array:
+def planar_bodies(machine: Excavator = EXCAVATOR) -> PlanarBodies:
+    """Boom, arm and bucket of `planar_dynamics` as bodies."""
+    dynamics = planar_dynamics(machine)
+    masses = dynamics.inertia[:, 0].copy()
+    sin_twist, cos_twist = dynamics.frames[:, 2], dynamics.frames[:, 3]
+    centres = dynamics.inertia[:, 1:4] / masses[:, None]
+    coms = np.stack([centres[:, 0], cos_twist * centres[:, 1] - sin_twist * centres[:, 2]], axis=1)
+    about_frames = (
+        sin_twist**2 * dynamics.inertia[:, 7]
+        + 2.0 * sin_twist * cos_twist * dynamics.inertia[:, 8]
+        + cos_twist**2 * dynamics.inertia[:, 9]
+    )
+    inertias = about_frames - masses * np.einsum("ij,ij->i", coms, coms)
+    coms[:, 0] += dynamics.frames[:, 0]
+    tool = _on_bucket_frame(machine)
+    tip, ball = tool @ [0.0, 0.0, machine.geometry.d6, 1.0], tool @ [*machine.payload.com, 1.0]
+    return PlanarBodies(
+        masses=masses,
+        coms=coms,
+        inertias=inertias,
+        lengths=dynamics.frames[:-1, 0].copy(),
+        tip=np.array([tip[0], -tip[2]]),
+        payload_com=np.array([ball[0], -ball[2]]),
+    )
+
+
+def planar_arm(machine: Excavator = EXCAVATOR) -> Arm:
+    """The nearest to boom, arm and bucket that an `Arm`, whose links are straight, can be; in the same joint angles.
+
+    Its hand is the joint of the bucket. The bucket turns about it with its right inertia but with its centre in it, as
+    a payload at the hand has; boom and arm have their centres on the line between their joints. In postures and at
+    speeds of work the torques are wrong by up to 10, 11 and 22 % of the three limits with 175 kg, and by up to 14, 17
+    and 33 % with 350 kg, even if the payload is known.
+    """
+    bodies, limits = planar_bodies(machine), machine.limits
+    coms = np.array([*bodies.coms[:-1, 0], 0.0])
+    about_joints = bodies.inertias + bodies.masses * np.einsum("ij,ij->i", bodies.coms, bodies.coms)
+    return Arm(
+        name=f"{machine.name}_PLANAR",
+        lengths=(*bodies.lengths.tolist(), NO_LENGTH),
+        masses=tuple(bodies.masses.tolist()),
+        limits=JointLimits(torque=limits.torque[JOINTS], velocity=limits.velocity[JOINTS], angle=limits.angle[JOINTS]),
+        coms=tuple(coms.tolist()),
+        inertias=tuple((about_joints - bodies.masses * coms**2).tolist()),
+        gravity=machine.gravity,
+        base=(0.0, machine.geometry.d1),
+    )
+
+
+def planar_payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, float] = (0.0, 0.0)) -> Array:
     """The ball of a mass (kg) as a load of the bucket, ``(10,)``.
+
+    Args:
+        mass: kg.
+        machine: whose.
+        offset: of its centre from where it should be, in the frame of the bucket, m.
 
     Raises:
         ValueError: if the mass is negative or not finite.
     """
-    load: Array = on_bucket(payload(mass, machine)[None], machine)[0]
+    x, y, z = _on_bucket_frame(machine)[:3, :3].T @ [offset[0], 0.0, -offset[1]]
+    load: Array = on_bucket(payload(mass, machine, (x, y, z))[None], machine)[0]
     return load
 
 
@@ -56,8 +137,7 @@ def on_bucket(parameters: Array, machine: Excavator = EXCAVATOR) -> Array:
 
     The matrix of a body's second, first and zeroth moments of mass turns and shifts as one: ``A J A^T``.
     """
-    chain = frames(np.array([0.0, 0.0, 0.0, 0.0, HELD_ROLL]), machine)
-    transform = np.linalg.solve(chain[4], chain[5])
+    transform = _on_bucket_frame(machine)
     upper = np.triu_indices(3)
     moved = np.empty_like(parameters)
     for row, body in zip(moved, parameters, strict=True):
@@ -71,3 +151,10 @@ def on_bucket(parameters: Array, machine: Excavator = EXCAVATOR) -> Array:
         second = turned[:3, :3]
         row[0], row[1:4], row[4:] = turned[3, 3], turned[:3, 3], (np.trace(second) * np.eye(3) - second)[upper]
     return moved
+
+
+def _on_bucket_frame(machine: Excavator) -> Array:
+    """Frame 5 in frame 4, whose x and -z span the plane, ``(4, 4)``."""
+    chain = frames(np.array([0.0, 0.0, 0.0, 0.0, HELD_ROLL]), machine)
+    transform: Array = np.linalg.solve(chain[4], chain[5])
+    return transform

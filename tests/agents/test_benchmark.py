@@ -42,8 +42,8 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert content["config"]["seed"] == 7
     assert [[policy["policy"] for policy in task["policies"]] for task in content["results"]] == [
         ["dpct", "random"]
-    ] * 5
-    drawn, paper, move, _, dodge = content["results"]
+    ] * 6
+    drawn, paper, move, _, dodge, _ = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
     assert dodge["bound"]["time_to_goal"] == dodge_bound.stored_bound([7, 8]).tolist()
     assert 0.0 <= dodge["policies"][0]["summary"]["collision"]["value"] <= 1.0
@@ -55,6 +55,17 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert dpct_episodes["return"] == wanted.returns.tolist()
     assert paper["options"] == {"scenario": "paper"}
     assert paper["published"]["settling_time"] == 1.10
+
+
+def test_a_task_may_have_policies_of_its_own() -> None:
+    (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",)).resolve().tasks
+    assert task.policies is not None
+    assert {"adaptive", "computed_torque"} <= set(task.policies)
+    (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",), policies=("follower",)).resolve().tasks
+    assert task.policies is None  # the command line has the last word
+    board = BenchmarkOptions(episodes=3, tasks=("ExcavatorPayload-v0", "ObstacleDodge-v0"), bound_episodes=0).resolve()
+    expected = 3 * sum(len(each.policies or board.policies) for each in board.tasks)
+    assert benchmark.Benchmark(board).total_episodes == expected
 
 
 def test_the_bound_is_the_optimum_of_each_start(tmp_path: Path) -> None:

@@ -160,6 +160,12 @@ def test_lanes_that_end_at_different_times_count_once(countdown_id: str) -> None
     np.testing.assert_array_equal(evaluation.metrics["rare"], rare)
 
 
+def test_what_a_policy_takes_the_payload_for_is_kept() -> None:
+    evaluation = agents.evaluate("adaptive", "ExcavatorPayload-v0", range(3), lanes=2)
+    np.testing.assert_allclose(evaluation.metrics["mass_estimate"], evaluation.metrics["payload_mass"], atol=15.0)
+    assert "mass_estimate" not in agents.evaluate("follower", ENV_ID, [0]).metrics
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

@@ -12,7 +12,7 @@ import pytest
 import envs
 from agents.configs_page import documented
 from agents.evaluation import known_env_ids
-from envs.experts import EXPERTS
+from envs.experts import expert_names
 
 pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
 
@@ -52,8 +52,10 @@ def test_environment_check(env_id: str, control_mode: str) -> None:
     check_env(gym.make(env_id, control_mode=control_mode, render_mode="rgb_array").unwrapped)
 
 
-@every_env
-@pytest.mark.parametrize("name", [name for name in EXPERTS if name != "random"])
+@pytest.mark.parametrize(
+    ("env_id", "name"),
+    [(env_id, name) for env_id in known_env_ids() for name in expert_names(env_id) if name != "random"],
+)
 def test_an_expert_is_evaluated_like_a_policy(env_id: str, name: str) -> None:
     lanes = DummyVecEnv([lambda: Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))])
     expert: Any = envs.make_expert(name, lanes.envs[0])

@@ -14,10 +14,11 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordLaneStati
 
 import envs
 from agents.evaluation import known_env_ids
-from envs.experts import EXPERTS
+from envs.experts import expert_names
 
-every_env = pytest.mark.parametrize("env_id", known_env_ids())
-every_expert = pytest.mark.parametrize("name", EXPERTS)
+every_expert = pytest.mark.parametrize(
+    ("env_id", "name"), [(env_id, name) for env_id in known_env_ids() for name in expert_names(env_id)]
+)
 SNIPPET = 15
 """Frames of a film."""
 
@@ -34,7 +35,6 @@ def play(env: gym.Env[Any, Any], name: str, seed: int) -> tuple[float, int, dict
     return total, steps, info
 
 
-@every_env
 @every_expert
 def test_episode_statistics(env_id: str, name: str) -> None:
     with RecordEpisodeStatistics(gym.make(env_id)) as env:
@@ -46,7 +46,6 @@ def test_episode_statistics(env_id: str, name: str) -> None:
             assert env.episode_count == number
 
 
-@every_env
 @every_expert
 def test_lane_statistics(env_id: str, name: str) -> None:
     lanes = gym.make_vec(env_id, num_envs=3)
@@ -71,7 +70,6 @@ def test_lane_statistics(env_id: str, name: str) -> None:
     env.close()
 
 
-@every_env
 @every_expert
 def test_videos(env_id: str, name: str, tmp_path: Path) -> None:
     pytest.importorskip("moviepy", reason='needs pip install moviepy "pillow<12"')

@@ -23,9 +23,10 @@ from planners.control import (
     SlotineLi,
 )
 from planners.excavator import EXCAVATOR
-from planners.excavator.controllers import ADAPTIVE, BANDWIDTH, FIXED, make_controller
+from planners.excavator.controllers import ADAPTIVE, BANDWIDTH, FIXED, make_controller, make_planar_controller
 from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload, payload_basis
 from planners.excavator.motion import WORK_CYCLE, Cycle
+from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
 from planners.excavator.simulation import Plant, Run, simulate
 from planners.typing import Array
 
@@ -220,6 +221,32 @@ def test_reset_forgets_the_chosen_lanes_only(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_memory_is_all_that_a_controller_carries(name: str) -> None:
+    used, fresh = make_controller(name, lanes=2), make_controller(name, lanes=2)
+    samples = np.random.default_rng(0).normal(0.0, 0.01, (40, 5, 2, N)) + POSTURE
+    for sample in samples[:20]:
+        used.torque(*sample)
+    memory = used.memory
+    kept = memory.copy()
+    fresh.memory = memory
+    ahead = [used.torque(*sample) for sample in samples[20:]]
+    np.testing.assert_array_equal([fresh.torque(*sample) for sample in samples[20:]], ahead)
+    np.testing.assert_array_equal(memory, kept)
+    used.memory = memory
+    np.testing.assert_array_equal([used.torque(*sample) for sample in samples[20:]], ahead)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_to_ask_what_is_wanted_teaches_nothing(name: str) -> None:
+    controller, limit = make_controller(name), EXCAVATOR.torque_limit_array
+    for sample in np.random.default_rng(0).normal(0.0, 0.05, (10, 5, 1, N)) + POSTURE:
+        before = controller.memory
+        wanted = controller.wanted_torque(*sample)
+        np.testing.assert_array_equal(controller.memory, before)
+        np.testing.assert_array_equal(controller.torque(*sample), np.clip(wanted, -limit, limit))
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_nothing_winds_up_at_the_torque_limit(name: str) -> None:
     """A slew that is stuck a radian and a half off, its torque at the limit, leaves no trace after ten seconds."""
     controller, fresh = make_controller(name), make_controller(name)
@@ -230,6 +257,20 @@ def test_nothing_winds_up_at_the_torque_limit(name: str) -> None:
         assert (np.abs(tau) <= EXCAVATOR.torque_limit_array).all()
     after, first = (one.torque(POSTURE, still, POSTURE, still, still) for one in (controller, fresh))
     np.testing.assert_array_equal(after, first)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_less_torque_can_be_had_than_the_limits_say(name: str) -> None:
+    """Then the least and the largest of the sample are the limits: what they cut off is not learnt from."""
+    one, other = make_controller(name), make_controller(name)
+    narrow = replace(one.settings, torque_limit=0.3 * one.settings.torque_limit)
+    other.settings = narrow
+    within = -narrow.torque_limit[None], narrow.torque_limit[None]
+    for sample in np.random.default_rng(0).normal(0.0, 0.03, (20, 5, 1, N)) + POSTURE:
+        tau = one.torque(*sample, within=within)
+        np.testing.assert_array_equal(tau, other.torque(*sample))
+        assert (np.abs(tau) <= narrow.torque_limit).all()
+    np.testing.assert_array_equal(one.memory, other.memory)
 
 
 def test_estimates_stay_within_their_bounds() -> None:
@@ -258,6 +299,21 @@ def test_a_planar_arm_learns_what_its_hand_holds() -> None:
     run = simulate(controller, plant, cycle, 3)
     np.testing.assert_allclose(controller.mass_estimate, [0.5, 1.5], rtol=0.02)
     assert rms(run, 3).max() < 0.1
+
+
+def test_boom_arm_and_bucket_alone_weigh_their_load() -> None:
+    masses = np.array([0.0, 140.0, 350.0])
+    plant = Plant.loaded(planar_dynamics(), np.array([planar_payload(mass) for mass in masses]))
+    cycle = replace(WORK_CYCLE, postures=WORK_CYCLE.postures[:, JOINTS])
+    runs = {
+        name: simulate(make_planar_controller(name, lanes=3), plant, cycle, 2)
+        for name in ("computed-torque", "integral-computed-torque", "integral-slotine-li")
+    }
+    np.testing.assert_allclose(runs["integral-slotine-li"].mass[-1], masses, rtol=0.01, atol=1.0)
+    fixed, integral, ours = (rms(run, 2) for run in runs.values())
+    assert fixed[0] < 0.1  # an empty bucket is what it takes it for
+    assert (ours[1:] < 0.05 * integral[1:]).all()
+    assert (integral[1:] < 0.15 * fixed[1:]).all()
 
 
 def test_the_work_cycle_is_smooth_and_comes_back() -> None:
@@ -322,6 +378,8 @@ def test_what_cannot_be_is_refused() -> None:
     refused("period -1", lambda: replace(settings, period=-1.0))
     refused("must lie within", lambda: replace(prior, initial=prior.upper + 1.0))
     refused("give \\(4,\\)", lambda: PDGravity(model, settings, PayloadPrior(*np.zeros((3, 1)))))
+    refused("memory has shape \\(2, 9\\)", lambda: setattr(controller, "memory", np.zeros((2, 9))))
+    refused("'pid' must be", lambda: make_planar_controller("pid"))
     refused("gain", lambda: SlotineLi(model, settings, prior, np.ones(1)))
     refused(
         "2 lanes, the plant 1",

@@ -1,0 +1,111 @@
+"""What experts do about a payload that nobody tells them: they weigh it while they move it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.observation import Observation
+from envs.task import Task
+from planners import Arm
+from planners.control import PayloadScale, PlanarArmModel, Weighing
+from planners.typing import Array
+
+_NEEDED = ("joint_position", "joint_velocity", "joint_acceleration", "time_left")
+_GRAMS = 3
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What an expert that adapts remembers from step to step; its `state`.
+
+    Attributes:
+        expert: what it would remember anyway.
+        weighing: what is known of the payloads.
+        tau: torques of the last action, ``(lanes, n)``, N m.
+        due: control periods that the next observation should leave, ``(lanes,)``.
+    """
+
+    expert: Any
+    weighing: Weighing
+    tau: Array
+    due: NDArray[np.int64]
+
+    @property
+    def mass_estimate(self) -> Array:
+        """What the payloads are taken to weigh, ``(lanes,)``, kg: to the gram, so that lanes can share an arm."""
+        return np.round(self.weighing.mass, _GRAMS)
+
+    def having_held(self, tau: Array, expert: Any) -> Knowledge:
+        """The same after an action: its torques ``(lanes, n)``, N m, and what the expert remembers now."""
+        return replace(self, expert=expert, tau=tau, due=self.due - 1)
+
+
+class PayloadAdaptation:
+    """Adaptive computed torque around an expert: an estimate of the mass on the hand, by what its torques have done.
+
+    Every observation tells which mean acceleration the torques of the last action have given; `PayloadScale` turns that
+    into a mass. The expert plans, and keeps its limits, for the arm with that mass, and computed torque is that of this
+    arm. An episode begins without payload.
+
+    Args:
+        task: the environment's task.
+
+    Raises:
+        ValueError: if actions are not torques, or observations do not tell what they have done.
+    """
+
+    def __init__(self, task: Task) -> None:
+        mode = task.config.control_mode
+        if mode != "torque":
+            raise ValueError(
+                f"the adaptive law learns from the torques of its own actions, but {task.env_id} makes them from "
+                f'actions of control_mode "{mode}", for an arm without payload; use control_mode "torque"'
+            )
+        unseen = set(_NEEDED) - {entry.name for entry in task.layout.entries}
+        if unseen:
+            raise ValueError(
+                f"the adaptive law needs {', '.join(sorted(unseen))}, which {task.env_id} does not show; "
+                "make the expert without it"
+            )
+        self._task = task
+        period, limit = task.config.control_period, np.array(task.arm.limits.torque)
+        self._scale = PayloadScale(PlanarArmModel(task.arm), limit, period)
+
+    def weigh(self, observations: Observation, before: Knowledge | None, starts: NDArray[np.bool_]) -> Knowledge:
+        """What is known with these observations.
+
+        Args:
+            observations: ``(lanes, size)``.
+            before: what was known after the last action, if any.
+            starts: lanes in which an episode begins, ``(lanes,)``. It does, too, where an observation does not
+                continue the remembered episode.
+        """
+        seen = self._task.layout.parse(observations)
+        left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
+        lanes, n = seen["joint_position"].shape
+        if before is None or len(before.due) != lanes:
+            return Knowledge(None, Weighing.nothing(lanes, n), np.zeros((lanes, n)), left)
+        state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
+        weighing = self._scale.weigh(before.weighing, *state, before.tau).restarted(starts | (before.due != left))
+        return Knowledge(before.expert, weighing, before.tau, left)
+
+
+def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
+    """Each arm that there is among lanes with these payloads, ``(lanes,)``, kg, with its lanes."""
+    if np.all(payload == payload[0]):
+        yield _loaded(arm, float(payload[0])), slice(None)
+        return
+    masses, which = np.unique(payload, return_inverse=True)
+    for index, mass in enumerate(masses.tolist()):
+        yield _loaded(arm, mass), np.flatnonzero(which == index)
+
+
+@lru_cache(maxsize=4096)
+def _loaded(arm: Arm, mass: float) -> Arm:
+    return arm.with_payload(mass)

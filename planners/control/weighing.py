@@ -1,0 +1,115 @@
+"""Weighing a payload by the torques that moved it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.control.model import ArmModel
+from planners.typing import Array
+
+CUTOFF = 2.0
+"""Of the low-pass filter that both sides of the prediction pass, rad/s."""
+
+PRIOR = 1e-9
+"""Information behind the first belief, that there is no payload, 1/kg^2: that of one sample in which a kilogram would
+take a thousandth of a torque limit. It is nothing beside any motion, and keeps an arm that rests from guessing."""
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """What the samples of each lane say so far.
+
+    Attributes:
+        regressor: filtered torques of a payload of 1 kg, shares of the limits, ``(lanes, n)``.
+        residual: filtered torques that the arm without payload does not explain, shares of the limits, ``(lanes, n)``.
+        information: sum of the squares of the regressors, 1/kg^2, ``(lanes,)``.
+        correlation: sum of the products of regressors and residuals, 1/kg, ``(lanes,)``.
+    """
+
+    regressor: Array
+    residual: Array
+    information: Array
+    correlation: Array
+
+    @classmethod
+    def nothing(cls, lanes: int, n_joints: int) -> Weighing:
+        """Before the first sample."""
+        return cls(np.zeros((lanes, n_joints)), np.zeros((lanes, n_joints)), np.zeros(lanes), np.zeros(lanes))
+
+    def restarted(self, lanes: NDArray[np.bool_]) -> Weighing:
+        """The same, with nothing known of some lanes, ``(lanes,)``."""
+        kept = ~lanes
+        return Weighing(
+            self.regressor * kept[:, None],
+            self.residual * kept[:, None],
+            self.information * kept,
+            self.correlation * kept,
+        )
+
+    @property
+    def mass(self) -> Array:
+        """The estimate, ``(lanes,)``, kg; never negative."""
+        return np.maximum(0.0, self.correlation / (self.information + PRIOR))
+
+
+class PayloadScale:
+    """Least squares on the error of the predicted torque.
+
+    The torques ``tau`` that were held for a period gave the mean acceleration ``q''`` over it, so in the state at its
+    middle ``tau - tau_0(q, q', q'')`` should be ``Y(q, q', q'') m``. Both sides pass the same low-pass filter, which
+    leaves the equation as it is and takes away noise: unfiltered, noise of the acceleration, which is in ``Y`` too,
+    pulls the estimate to zero. The mass is the one with the least squared error of all samples, joints weighed by their
+    torque limits. The torque has to be the one that was applied, after any limit; then a limit that is met says nothing
+    wrong.
+
+    With computed torque of the estimated mass it is the indirect adaptive law of R. H. Middleton and G. C. Goodwin,
+    "Adaptive computed torque control for rigid link manipulations" (1988). Unlike `AdaptiveComputedTorque` it needs no
+    error of tracking, so that it serves policies that follow no reference, and no inverse of the mass matrix.
+
+    Args:
+        model: the arm without payload, with the mass as the only parameter.
+        torque_limit: of each joint, ``(n,)``, N m.
+        period: for which torques are held, s.
+        cutoff: of the filter, rad/s.
+
+    Raises:
+        ValueError: if the model has several parameters.
+    """
+
+    def __init__(self, model: ArmModel, torque_limit: Array, period: float, cutoff: float = CUTOFF) -> None:
+        if model.n_parameters != 1:
+            raise ValueError(f"a model with {model.n_parameters} parameters; a scale tells one, the mass of a payload")
+        self._model = model
+        self._torque_limit = torque_limit
+        self._period = period
+        self._passed = -np.expm1(-cutoff * period)
+
+    def weigh(self, before: Weighing, q: Array, qd: Array, qdd: Array, tau: Array) -> Weighing:
+        """What is known after another period.
+
+        Args:
+            before: what was known at its beginning.
+            q, qd: angles and velocities at its end, ``(lanes, n)``.
+            qdd: mean accelerations over it, ``(lanes, n)``.
+            tau: torques that were held, ``(lanes, n)``, N m.
+        """
+        half = 0.5 * self._period
+        qd_middle = qd - half * qdd
+        state = q - half * (qd - 0.5 * half * qdd), qd_middle, qd_middle, qdd
+        expected = self._model.torque(*state, np.zeros((len(q), 1)))
+        regressor = self._filtered(before.regressor, self._model.regressor(*state)[..., 0])
+        residual = self._filtered(before.residual, tau - expected)
+        return replace(
+            before,
+            regressor=regressor,
+            residual=residual,
+            information=before.information + (regressor**2).sum(axis=1),
+            correlation=before.correlation + (regressor * residual).sum(axis=1),
+        )
+
+    def _filtered(self, before: Array, sample: Array) -> Array:
+        filtered: Array = before + self._passed * (sample / self._torque_limit - before)
+        return filtered

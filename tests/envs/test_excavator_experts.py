@@ -1,0 +1,176 @@
+"""The experts of ExcavatorPayload-v0: who follows with a load that nobody has weighed, and what they remember."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs
+from envs.experts import PlannedWayExpert, expert_names
+from planners import Infeasible, MotionProblem, Trajectory
+from planners.typing import Array
+
+ENV_ID = "ExcavatorPayload-v0"
+LANES = 8
+OWN_WAY = ("dpct", "lagrange", "apf")
+NAMES = [name for name in expert_names(ENV_ID) if name != "random"]
+
+Ends = dict[str, Array]
+
+
+def finish(name: str, lanes: int = LANES, options: dict[str, Any] | None = None, **config: Any) -> tuple[Ends, Any]:
+    """One episode a lane: what its info says at the end, and the expert, whose estimates are those of the end."""
+    env = gym.make_vec(ENV_ID, num_envs=lanes, **config)
+    expert = envs.make_expert(name, env)
+    observation, _ = env.reset(seed=0, options=options)
+    ends: dict[int, dict[str, float]] = {}
+    while len(ends) < lanes:
+        actions, _ = expert.predict(observation)
+        observation, _, terminated, truncated, infos = env.step(actions)
+        for lane in np.flatnonzero(terminated | truncated):
+            final = infos["final_info"]
+            ends.setdefault(lane, {key: final[key][lane] for key in ("is_success", "payload_mass", "waypoint_error")})
+    return {key: np.array([ends[lane][key] for lane in range(lanes)]) for key in ends[0]}, expert
+
+
+def observations(env: Any, expert: Any, steps: int) -> list[Any]:
+    """What an expert sees, the first observation included."""
+    seen = [env.reset(seed=3)[0]]
+    for _ in range(steps):
+        action, _ = expert.predict(seen[-1])
+        seen.append(env.step(action)[0])
+    return seen
+
+
+@pytest.fixture(scope="module")
+def adaptive() -> tuple[Ends, Any]:
+    return finish("adaptive")
+
+
+def test_adapting_succeeds_whatever_the_load(adaptive: tuple[Ends, Any]) -> None:
+    assert adaptive[0]["is_success"].all()
+
+
+def test_the_load_is_weighed(adaptive: tuple[Ends, Any]) -> None:
+    ends, expert = adaptive
+    np.testing.assert_allclose(expert.mass_estimate, ends["payload_mass"], atol=20.0)
+    assert np.ptp(ends["payload_mass"]) > 200.0
+
+
+@pytest.mark.parametrize("name", ["computed_torque", "integral_computed_torque"])
+def test_without_adapting_a_heavy_load_is_too_much(name: str) -> None:
+    ends, expert = finish(name, options={"payload": 300.0})
+    assert not ends["is_success"].any()
+    assert expert.mass_estimate is None
+
+
+def test_computed_torque_succeeds_with_what_it_takes_the_machine_for() -> None:
+    ends, _ = finish("computed_torque", options={"payload": 0.0, "friction_scale": 1.0})
+    assert ends["is_success"].all()
+
+
+def test_adapting_succeeds_as_a_residual() -> None:
+    ends, expert = finish("adaptive", control_mode="residual")
+    assert ends["is_success"].all()
+    np.testing.assert_allclose(expert.mass_estimate, ends["payload_mass"], atol=20.0)
+
+
+def test_both_control_modes_move_the_machine_alike() -> None:
+    ends = []
+    for mode in ("torque", "residual"):
+        env: Any = gym.make(ENV_ID, control_mode=mode)
+        observations(env, envs.make_expert("adaptive", env), 100)
+        ends.append(np.concatenate(env.unwrapped.joint_state()))
+    np.testing.assert_allclose(*ends, atol=1e-5)
+
+
+def test_a_load_that_comes_and_goes_is_weighed_again() -> None:
+    ends, expert = finish("adaptive", level=2)
+    assert ends["is_success"].mean() >= 0.75
+    np.testing.assert_allclose(expert.mass_estimate, 0.0, atol=20.0)
+
+
+@pytest.mark.parametrize("name", OWN_WAY)
+def test_an_own_way_leads_through_the_waypoints(name: str) -> None:
+    ends, expert = finish(name, lanes=3)
+    assert (ends["waypoint_error"] < 0.01).all()
+    assert not ends["is_success"].any()  # it is not the way that the reference takes
+    assert expert.infeasible == 0
+    np.testing.assert_allclose(expert.mass_estimate, ends["payload_mass"], atol=20.0)
+
+
+def test_the_way_of_the_follower_is_the_reference() -> None:
+    ends, expert = finish("follower")
+    assert ends["is_success"].all()
+    assert expert.plans_made > LANES
+
+
+def test_without_a_plan_the_reference_is_followed() -> None:
+    def never(problem: MotionProblem) -> Trajectory:
+        raise Infeasible("limits", "not today")
+
+    env: Any = gym.make(ENV_ID)
+    helpless, adaptive = PlannedWayExpert(env.unwrapped.task, never), envs.make_expert("adaptive", env)
+    for observation in observations(env, adaptive, 250):
+        np.testing.assert_array_equal(helpless.predict(observation)[0], adaptive.predict(observation)[0])
+    assert helpless.infeasible == helpless.plans_made > 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_state_is_all_that_an_expert_remembers(name: str) -> None:
+    env: Any = gym.make(ENV_ID)
+    seen = observations(env, envs.make_expert(name, env), 60)
+    one, other = envs.make_expert(name, env), envs.make_expert(name, env)
+    state, states, actions = None, [], []
+    for observation in seen:
+        states.append(state)
+        action, state = one.predict(observation, state)
+        actions.append(action)
+    for step in (40, 15, 40):  # back and forth: an older state gives the same again
+        again, _ = other.predict(seen[step], states[step])
+        np.testing.assert_array_equal(again, actions[step])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_lanes_know_nothing_of_each_other(name: str) -> None:
+    env: Any = gym.make_vec(ENV_ID, num_envs=3)
+    single: Any = gym.make(ENV_ID)
+    together, alone = envs.make_expert(name, env), envs.make_expert(name, single)
+    observation, _ = env.reset(seed=5)
+    state, lane_state = None, None
+    for _ in range(40):
+        actions, state = together.predict(observation, state)
+        action, lane_state = alone.predict(observation[1], lane_state)
+        np.testing.assert_allclose(action, actions[1], atol=1e-6)
+        observation, *_ = env.step(actions)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_episode_begins_with_nothing_known(name: str) -> None:
+    env: Any = gym.make(ENV_ID)
+    expert = envs.make_expert(name, env)
+    first = observations(env, expert, 0)[0]
+    fresh, _ = expert.predict(first)
+    for observation in observations(env, expert, 80):
+        _, state = expert.predict(observation)
+    np.testing.assert_array_equal(expert.predict(first, state)[0], fresh)
+    if expert.mass_estimate is not None:
+        assert expert.mass_estimate[0] < 20.0
+
+
+@pytest.mark.parametrize("name", ["adaptive", "computed_torque"])
+def test_a_controller_alone_is_refused_where_there_is_no_reference(name: str) -> None:
+    with pytest.raises(
+        ValueError, match=f'expert "{name}" tracks the reference of {ENV_ID}; MinTorqueMove-v0 gives none: .* dpct'
+    ):
+        envs.make_expert(name, gym.make("MinTorqueMove-v0"))
+
+
+def test_what_adapts_already_need_not_be_told() -> None:
+    env: Any = gym.make(ENV_ID)
+    assert envs.make_expert("dpct", env, adaptive=True).mass_estimate is None
+    with pytest.raises(ValueError, match='takes the bucket for empty; the expert "adaptive" learns'):
+        envs.make_expert("computed_torque", env, adaptive=True)
