@@ -122,6 +122,8 @@ def _finish(axes: Axes, metric: Metric, against: str) -> None:
     elif high - low > _WIDE:
         axes.set_yscale("symlog", linthresh=1.0)
         axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        if axes.dataLim.ymin >= 0.0:
+            axes.set_ylim(bottom=0.0)
     else:
         axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_xlim(left=0.0)

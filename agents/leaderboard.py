@@ -120,6 +120,7 @@ def print_leaderboard(console: Console, result: TaskResult) -> None:
     if console.is_terminal:
         for column in table.columns:
             column.header = str(column.header).replace(" ", "\n")  # narrow enough for 80 characters
+            column.overflow = "fold"
         console.print(f"[bold]{heading}[/bold]", table, _caption(result), "", sep="\n", highlight=False)
         return
     table.box = box.MARKDOWN
@@ -163,7 +164,7 @@ def _policy_cells(
         yield shown_number(estimates["above_bound"].value) if "above_bound" in estimates else ""
     yield shown_number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
     yield _percent(estimates["limit_broken"].value) if "limit_broken" in estimates else ""
-    yield shown_number(estimates["return"].value)
+    yield _with_interval(estimates["return"])
     yield shown_number(evaluation.timing.planning_ms) if evaluation.timing.plans else ""
     yield shown_number(evaluation.timing.policy_us)
 
@@ -175,7 +176,8 @@ def _lone_cells(metrics: Sequence[Metric], key: str, value: float) -> list[str]:
 
 def _caption(result: TaskResult) -> str:
     lines = [
-        "Success and collisions: shares with their 95 % intervals. Return: interquartile mean. All else: medians. "
+        "Success, like other shares, with its 95 % interval. Return: interquartile mean with its 95 % bootstrap "
+        "interval. All else: medians. "
         f"Limit ratio: worst value over its limit; broken: episodes in which it is more than {1.0 + LIMIT_TOLERANCE:g}."
     ]
     if result.bounds is not None:
@@ -196,6 +198,13 @@ def _caption(result: TaskResult) -> str:
 
 def _share(rate: Estimate) -> str:
     return f"{_percent(rate.value)} ({_percent(rate.low)}-{_percent(rate.high)})"
+
+
+def _with_interval(estimate: Estimate) -> str:
+    if math.isnan(estimate.low):
+        return shown_number(estimate.value)
+    low, high = shown_number(estimate.low), shown_number(estimate.high)
+    return f"{shown_number(estimate.value)} ({low} to {high})"
 
 
 def _percent(share: float) -> str:

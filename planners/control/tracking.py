@@ -104,7 +104,8 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
     limit = np.array(arm.limits.torque)
     still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
     room = np.where(wanted > still, limit - still, limit + still)
-    share = np.divide(room, np.abs(wanted - still), out=np.ones_like(room), where=wanted != still)
+    with np.errstate(over="ignore"):  # next to no torque fits infinitely often
+        share = np.divide(room, np.abs(wanted - still), out=np.ones_like(room), where=wanted != still)
     fitting: Array = qdd * np.clip(share.min(axis=1, keepdims=True), 0.0, 1.0)
     return fitting
 

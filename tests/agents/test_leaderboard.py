@@ -74,6 +74,7 @@ def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:
     assert table["soon"]["settled (s)"] == "1.300"
     assert table["soon"]["error (mm)"] == "0.200"
     assert table["soon"]["broken (%)"] == "25"
+    assert table["late"]["return"] == "0.500 (0.500 to 0.500)"
     assert table["soon"]["plan (ms)"] == "5.000"
     assert table["soon"]["step (us)"] == "2.000"
     assert table["lost"]["settled (s)"] == table["lost"]["over bound"] == "never"

@@ -98,6 +98,11 @@ def test_within_torque_fits_the_limits_and_keeps_the_direction(values: list[floa
     assert -1e-12 <= share <= 1.0 + 1e-12
 
 
+def test_within_torque_takes_the_smallest_acceleration() -> None:
+    qdd = np.array([[0.0, 2.2250738585e-313]])
+    np.testing.assert_array_equal(within_torque(SCARA_1M, np.zeros((1, 2)), np.zeros((1, 2)), qdd, 0.02), qdd)
+
+
 def test_within_torque_leaves_what_fits() -> None:
     q, qd, qdd = np.array([[0.3, 0.5]]), np.zeros((1, 2)), np.array([[0.01, -0.02]])
     np.testing.assert_array_equal(within_torque(SCARA_1M, q, qd, qdd, 0.02), qdd)
