@@ -139,12 +139,18 @@ def _plan_legs(problem: MotionProblem, scene: Scene, goals: Array, limits: Array
     for duration, u in stretches:
         r, v = r + duration * (v + 0.5 * duration * u), v + duration * u
     if not math.isnan(line.goal):
-        return cost, [_Leg(line, np.array(stretches + _to_rest(line, line.goal - r, v)))]
+        return cost, [_leg(line, stretches + _to_rest(line, line.goal - r, v))]
     stretches.append((abs(v) / line.acceleration, -math.copysign(line.acceleration, v)))
     stop = line.origin + (r + 0.5 * v * abs(v) / line.acceleration) * line.direction
     times = [time_from_rest(stop, goal[None], limits) for goal in goals]
     last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], limits, *chain, STAGE)
-    return cost, [_Leg(line, np.array(stretches)), _Leg(last, np.array(_to_rest(last, last.goal, 0.0)))]
+    return cost, [_leg(line, stretches), _leg(last, _to_rest(last, last.goal, 0.0))]
+
+
+def _leg(line: Line, stretches: list[tuple[float, float]]) -> _Leg:
+    """A leg that ends at rest: not before the velocity across its line is shed, however short the way."""
+    wait = line.shed - sum(duration for duration, _ in stretches)
+    return _Leg(line, np.array([*stretches, (wait, 0.0)] if wait > 0.0 else stretches))
 
 
 def _to_rest(line: Line, distance: float, speed: float) -> list[tuple[float, float]]:

@@ -218,6 +218,17 @@ def test_a_start_in_motion_is_continued(
     assert_sound(task, plan(task, contact="delay"))
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "velocity"),
+    [((0.0, 0.0), (0.0, 0.0), (0.0, 0.0625)), ((0.0, 0.13125), (0.0625, 0.0), (0.0625, 0.0))],
+)
+def test_a_short_way_does_not_end_in_motion(
+    start: tuple[float, float], end: tuple[float, float], velocity: tuple[float, float]
+) -> None:
+    task = problem(start, joints(*end), disc(1.0, 0.0), qd=velocity)
+    assert_sound(task, plan(task, contact="delay"))
+
+
 @pytest.mark.parametrize("across", [0.001, 0.02, 0.2, 1.0])
 def test_a_velocity_across_the_line_is_shed(across: float) -> None:
     direction = np.array([1.0, -0.5])
