@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from rich.table import Table
 
 from agents import statistics
 from agents.evaluation import Evaluation
-from agents.leaderboard import TaskResult, primary_metric, shown_number
+from agents.leaderboard import TaskResult, primary_metric, shown_number, with_interval
 from agents.statistics import Estimate
 from planners.typing import Array
 
@@ -105,24 +105,25 @@ def _table(env_id: str, pairs: list[Pair]) -> Table:
     for title in titles:
         table.add_column(title, justify="right")
     for pair in pairs:
-        cells = [_with_interval(pair.success, 100.0)]
+        cells = [with_interval(pair.success, _signed_times(100.0))]
         if metric is not None and pair.metric is not None:
-            cells.append(_with_interval(pair.metric, metric.factor))
-        cells += [_with_interval(pair.returns), _with_interval(pair.improvement, 100.0, signed=False)]
+            cells.append(with_interval(pair.metric, _signed_times(metric.factor)))
+        cells += [
+            with_interval(pair.returns, _signed),
+            with_interval(pair.improvement, lambda share: f"{100 * share:.1f}"),
+        ]
         table.add_row(f"{pair.policy} - {pair.against}", *cells)
     return table
 
 
-def _with_interval(estimate: Estimate, factor: float = 1.0, *, signed: bool = True) -> str:
-    value, low, high = (_shown(end * factor, signed=signed) for end in (estimate.value, estimate.low, estimate.high))
-    return value if math.isnan(estimate.low) else f"{value} ({low} to {high})"
+def _signed_times(factor: float) -> Callable[[float], str]:
+    return lambda value: _signed(factor * value)
 
 
-def _shown(value: float, *, signed: bool) -> str:
+def _signed(value: float) -> str:
     if math.isinf(value):
         return "+inf" if value > 0.0 else "-inf"
-    text = shown_number(value) if signed else f"{value:.1f}"
-    return f"+{text}" if signed and value > 0.0 else text
+    return f"+{shown_number(value)}" if value > 0.0 else shown_number(value)
 
 
 def _achieved(evaluation: Evaluation, key: str) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -164,7 +164,7 @@ def _policy_cells(
         yield shown_number(estimates["above_bound"].value) if "above_bound" in estimates else ""
     yield shown_number(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
     yield _percent(estimates["limit_broken"].value) if "limit_broken" in estimates else ""
-    yield _with_interval(estimates["return"])
+    yield with_interval(estimates["return"], shown_number)
     yield shown_number(evaluation.timing.planning_ms) if evaluation.timing.plans else ""
     yield shown_number(evaluation.timing.policy_us)
 
@@ -200,15 +200,14 @@ def _share(rate: Estimate) -> str:
     return f"{_percent(rate.value)} ({_percent(rate.low)}-{_percent(rate.high)})"
 
 
-def _with_interval(estimate: Estimate) -> str:
-    if math.isnan(estimate.low):
-        return shown_number(estimate.value)
-    low, high = shown_number(estimate.low), shown_number(estimate.high)
-    return f"{shown_number(estimate.value)} ({low} to {high})"
-
-
 def _percent(share: float) -> str:
     return f"{100.0 * share:.1f}".removesuffix(".0")
+
+
+def with_interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
+    """An estimate with its interval, if there is one; each number as it is to be shown."""
+    value, low, high = (shown(end) for end in (estimate.value, estimate.low, estimate.high))
+    return value if math.isnan(estimate.low) else f"{value} ({low} to {high})"
 
 
 def shown_number(value: float) -> str:

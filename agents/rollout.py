@@ -15,6 +15,7 @@ from rich.table import Table
 
 from agents.contenders import find_contender
 from agents.evaluation import Policy, as_policy, known_env_ids
+from agents.experiment import assigned
 from agents.recording import Film, require_recordable
 from envs.settings import refuse_unknown
 
@@ -30,6 +31,7 @@ class RolloutOptions:
         $ planarm rollout ConveyorTrack-v0 --policy dpct --render
         $ planarm rollout ConveyorTrack-v0 --policy follower --seed 7 --control-mode jerk
         $ planarm rollout ConveyorTrack-v0 --policy agent --scenario paper --record paper.gif
+        $ planarm rollout ConveyorTrack-v0 --policy dpct+adaptive --settings payload=0.3
     """
 
     env: tyro.conf.Positional[str]
@@ -42,6 +44,8 @@ class RolloutOptions:
     """Draw the start, or take the paper's."""
     control_mode: str | None = None
     """What an action of an expert means, such as torque; by default what it means in the environment."""
+    settings: tuple[str, ...] = ()
+    """key=value for each other setting of the environment that is not to have its default."""
     render: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Show the episode in a window."""
     record: Path | None = None
@@ -69,7 +73,8 @@ def run(options: RolloutOptions) -> int:
     if options.record is not None:
         require_recordable(options.record, fps=options.fps, width=options.width)
     contender = find_contender(options.policy, options.env, allow_code=options.allow_code)
-    settings = contender.settings({} if options.control_mode is None else {"control_mode": options.control_mode})
+    mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
+    settings = contender.settings({**assigned({}, options.settings), **mode})
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
     console = Console()
     with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:

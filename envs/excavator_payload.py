@@ -28,7 +28,7 @@ from envs.rendering import Scene
 from envs.settings import Settings
 from envs.task import Options, Task, TaskSettings
 from planners import FixedJoints, MotionProblem
-from planners.excavator.controllers import make_planar_controller
+from planners.excavator.controllers import TYPICAL_PAYLOAD, make_planar_controller
 from planners.excavator.plane import planar_arm
 from planners.typing import Array
 
@@ -38,8 +38,6 @@ NOISE = (1e-4, 5e-3)
 """Standard deviations of measured angles (rad) and velocities (rad/s)."""
 LAG = 0.030
 """Time constant of the drives on level 2, s."""
-TYPICAL_LOAD = 175.0
-"""With which motions are planned, kg."""
 PLANNED_SHARE = 0.65
 """Of the torque limits, what a plan may use."""
 FULL_REWARD = 10.0
@@ -227,7 +225,7 @@ class ExcavatorPayload(Task):
             target=FixedJoints(seen["waypoint"]),
             horizon=max(float(seen["waypoint_time"][0]), self.config.control_period),
             limits=self._planning_limits,
-            payload=TYPICAL_LOAD,
+            payload=TYPICAL_PAYLOAD,
         )
 
     @property

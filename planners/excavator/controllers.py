@@ -48,7 +48,8 @@ PLANAR_GAIN_SHARE = {"adaptive-computed-torque": 0.1}
 """Factor on the gain of a law, where it is not 1: with no inertia of drives the loop through ``M^-1`` is faster."""
 
 TYPICAL_PAYLOAD = 175.0
-"""With which the gains of boom, arm and bucket are scaled, kg: a load makes the bucket four times as hard to turn."""
+"""For which motions are planned, and the gains of boom, arm and bucket scaled, kg: it makes the bucket four times as
+hard to turn."""
 TYPICAL_POSTURE = (20.0, -75.0, 25.0)
 """Of boom, arm and bucket, for the same purpose, deg."""
 

@@ -36,6 +36,13 @@ def test_an_agent_acts_as_it_was_trained_to(capsys: pytest.CaptureFixture[str]) 
         run(RolloutOptions(env=ENV_ID, policy="agent", control_mode="torque"))
 
 
+def test_settings_of_the_environment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RolloutOptions(env=ENV_ID, policy="dpct+adaptive", settings=("payload=0.3", "horizon=2"))) == 0
+    printed = capsys.readouterr().out
+    evaluation = agents.evaluate("dpct+adaptive", ENV_ID, [0], env_config={"payload": 0.3, "horizon": 2.0})
+    assert f"{evaluation.returns[0]:.6g}" in printed
+
+
 def test_the_info_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(RolloutOptions(env=ENV_ID, policy="follower", scenario="paper")) == 0
     out = capsys.readouterr().out
@@ -94,6 +101,8 @@ def test_a_film_takes_the_frames_that_are_due() -> None:
         ({"env": "ConveyerTrack-v0"}, 'did you mean "ConveyorTrack-v0"'),
         ({"policy": "folower"}, 'did you mean "follower"'),
         ({"seed": -1}, "seed -1"),
+        ({"settings": ("paylod=0.3",)}, 'did you mean "payload"'),
+        ({"settings": ("payload",)}, "no key=value"),
         ({"record": Path("film.avi")}, r"\.gif, \.mp4, \.png"),
         ({"record": Path("film.gif"), "fps": 0}, "fps 0"),
         ({"record": Path("film.gif"), "width": 3}, "width 3"),
