@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from importlib import resources
@@ -38,7 +38,7 @@ ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
 """Between the layers of an agent."""
 ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that say what an action means, and leave the task as it is."""
-_REQUIRED = ("format", "env", "env_config", "layout_hash", "activation", "hidden", "sha256")
+_REQUIRED = ("env", "env_config", "layout_hash", "activation", "hidden")
 
 
 @dataclass(frozen=True)
@@ -145,16 +145,21 @@ def load_agent(source: str | Path) -> Agent:
             was trained.
     """
     path = _find(source)
-    document, tensors = _read(path)
+    document, tensors = read_weights(path, _REQUIRED)
     _check_layout(path, document)
     return Agent(document, tensors)
 
 
 def save_agent(agent: Agent, path: Path) -> None:
     """Write an agent's weights to ``path`` (.safetensors), and its JSON beside it; each whole or not at all."""
-    content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
+    write_weights(path, agent.document, agent.tensors)
+
+
+def write_weights(path: Path, document: Mapping[str, Any], tensors: Tensors) -> None:
+    """Write tensors to ``path`` (.safetensors), and a document beside it that says which they are."""
+    content = save({name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()})
     write_bytes(path, content)
-    write_json(path.with_suffix(".json"), {**agent.document, "sha256": hashlib.sha256(content).hexdigest()})
+    write_json(path.with_suffix(".json"), {**document, "sha256": hashlib.sha256(content).hexdigest()})
 
 
 def describe_layout(layout: Layout) -> dict[str, Any]:
@@ -190,14 +195,25 @@ def _find(source: str | Path) -> Path:
     return Path(str(resources.files("agents").joinpath("trained", f"{source}.safetensors")))
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_weights(path: Path, required: Iterable[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The document beside tensors, and these.
+
+    Args:
+        path: of the .safetensors file.
+        required: names that the document must hold, beside its format and the weights' hash.
+
+    Raises:
+        ValueError: if a file is missing or damaged, or of another format, or the two do not belong together.
+    """
     try:
         content = path.read_bytes()
         document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
         tensors = load(content)
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, SafetensorError) as error:
         raise ValueError(f"cannot read the agent {path}: {error}") from None
-    missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
+    missing = [
+        name for name in ("format", "sha256", *required) if not isinstance(document, dict) or name not in document
+    ]
     if missing:
         raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
     if document["format"] != FORMAT:

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-import envs
 from agents.bounds import BOUNDS, best_known
 from agents.comparison import Pair, as_documents, compare_all, print_comparison
 from agents.contenders import Contender, find_contender
-from agents.evaluation import Evaluation, evaluate, known_env_ids
+from agents.evaluation import Evaluation, as_policy, evaluate, known_env_ids
 from agents.experiment import BenchmarkConfig, BenchmarkTask, load_experiment
 from agents.files import write_json
 from agents.leaderboard import TaskResult, as_document, print_leaderboard
@@ -120,10 +119,9 @@ class Benchmark:
             for contender in self.contenders(task):
                 with closing(gym.make_vec(task.env, num_envs=1, **contender.settings(task.env_config))) as env:
                     observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
-                    if isinstance(contender.policy, str):
-                        envs.make_expert(contender.policy, env)
-                    else:
-                        contender.policy.predict(observation, deterministic=True)
+                    policy = as_policy(contender.policy, env)
+                    if not contender.is_expert:
+                        policy.predict(observation, deterministic=True)
 
     def warm_up(self, progress: Callable[[int], object]) -> None:
         """Run a little of everything: the first time compiles, and no timing shall hold that.

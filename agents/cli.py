@@ -32,6 +32,9 @@ COMMANDS = {
     "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
     "payload": Command("agents.payload", "PayloadOptions", "experts with a mass on the hand, and the adaptive law"),
     "train": Command("agents.training.command", "TrainOptions", "train an agent with PPO, or go on with a run"),
+    "train-forecaster": Command(
+        "agents.forecasting.command", "ForecasterOptions", "train the forecaster of ObstacleDodge-v0's discs"
+    ),
     "curves": Command("agents.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
     "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
     "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),

@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 from agents.evaluation import known_env_ids
 from agents.experiment import BenchmarkConfig, BenchmarkTask, Published
 from agents.files import write_text
+from agents.forecasting.config import ForecastConfig
 from agents.training.config import Amortisation, TrainingConfig, WarmStart
 from envs.settings import Settings
 
@@ -33,7 +34,7 @@ _WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", t
 
 def documented() -> dict[str, type[Settings]]:
     """What has a table, by its name: benchmarks, training, and of every environment its settings and its options."""
-    kinds = (BenchmarkConfig, BenchmarkTask, Published, TrainingConfig, WarmStart, Amortisation)
+    kinds = (BenchmarkConfig, BenchmarkTask, Published, TrainingConfig, WarmStart, Amortisation, ForecastConfig)
     found: dict[str, type[Settings]] = {kind.__name__: kind for kind in kinds}
     for env_id in known_env_ids():
         module, _, name = str(gym.spec(env_id).entry_point).removesuffix("Env").partition(":")

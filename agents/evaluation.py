@@ -18,6 +18,8 @@ from planners.typing import Array
 
 Info = Mapping[str, Any]
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
+PolicyMaker = Callable[[Any], "Policy"]
+"""Makes a policy for an environment, single or vector."""
 Progress = Callable[[int], object]
 """Is told how many episodes have just ended."""
 
@@ -111,7 +113,7 @@ def known_env_ids() -> list[str]:
 
 
 def evaluate(
-    policy: Policy | str,
+    policy: Policy | PolicyMaker | str,
     env_id: str,
     seeds: Sequence[int] | NDArray[np.int64],
     *,
@@ -127,8 +129,8 @@ def evaluate(
     that are evaluated on the same seeds can be compared in pairs.
 
     Args:
-        policy: the name of an expert, or anything with Stable-Baselines3's ``predict``; it is asked for deterministic
-            actions.
+        policy: the name of an expert, anything with Stable-Baselines3's ``predict``, or a function that makes one for
+            the environment; it is asked for deterministic actions.
         env_id: an environment whose vector form resets a lane in the step that ends its episode: any of planarm's.
         seeds: one an episode.
         env_config: settings of the environment.
@@ -150,8 +152,8 @@ def evaluate(
         with closing(gym.make_vec(env_id, num_envs=len(batch), **(env_config or {}))) as env:
             if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
                 raise ValueError(f"{env_id} does not reset a lane in the step that ends its episode (SAME_STEP)")
-            policy = as_policy(policy, env)
-            batches.append(_run_batch(policy, env, batch, dict(options or {}), progress or (lambda ended: None)))
+            policy = acting = as_policy(policy, env)
+            batches.append(_run_batch(acting, env, batch, dict(options or {}), progress or (lambda ended: None)))
     return Evaluation(
         policy=name,
         env_id=env_id,
@@ -238,8 +240,8 @@ def _planning(policy: Policy) -> tuple[float, float, float]:
     return tuple(getattr(policy, name, 0.0) for name in ("plans_made", "planning_seconds", "infeasible"))  # type: ignore[return-value]
 
 
-def as_policy(policy: Policy | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
-    """An expert by its name, for an environment; any other policy as it is.
+def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
+    """A policy for an environment: an expert by its name, what a function makes, any other as it is.
 
     Raises:
         ValueError: for an unknown expert, or what has no ``predict``.
@@ -247,6 +249,8 @@ def as_policy(policy: Policy | str, env: VectorEnv | gym.Env[Any, Any]) -> Polic
     if isinstance(policy, str):
         expert: Policy = envs.make_expert(policy, env)
         return expert
+    if not isinstance(policy, Policy) and callable(policy):
+        policy = policy(env)
     if not isinstance(policy, Policy):
         raise ValueError(
             f"policy {policy!r} has no predict(observation, state, episode_start, deterministic); "

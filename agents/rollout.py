@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from agents.contenders import find_contender
-from agents.evaluation import Policy, as_policy, known_env_ids
+from agents.evaluation import Policy, PolicyMaker, as_policy, known_env_ids
 from agents.experiment import assigned
 from agents.recording import Film, require_recordable
 from envs.settings import refuse_unknown
@@ -37,7 +37,8 @@ class RolloutOptions:
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ConveyorTrack-v0."""
     policy: str = "dpct"
-    """Name of an expert; agent for the one that comes with planarm; the path of a run, an agent or a .zip."""
+    """Name of an expert; agent for the one that comes with planarm, forecaster for that of
+    ObstacleDodge-v0; the path of a run, an agent or a .zip."""
     seed: int = 0
     """Seed of the episode's start."""
     scenario: Literal["random", "paper"] = "random"
@@ -88,7 +89,7 @@ def run(options: RolloutOptions) -> int:
 
 
 def play(
-    env: gym.Env[Any, Any], policy: Policy | str, seed: int, reset_options: Info, film: Film | None = None
+    env: gym.Env[Any, Any], policy: Policy | PolicyMaker | str, seed: int, reset_options: Info, film: Film | None = None
 ) -> Info:
     """Run one episode of a policy; the last info, with the return and the length of the episode."""
     acting = as_policy(policy, env)

@@ -24,9 +24,10 @@ from rich.progress import Progress
 from scipy import stats
 
 from agents.agent import shipped_agents
-from agents.contenders import SHIPPED, find_contender
-from agents.evaluation import Evaluation, Policy, evaluate, known_env_ids
+from agents.contenders import FORECASTER, SHIPPED, find_contender
+from agents.evaluation import Evaluation, Policy, PolicyMaker, evaluate, known_env_ids
 from agents.files import write_json
+from agents.forecasting.forecaster import ENV_ID
 from agents.leaderboard import LIMIT_TOLERANCE, METRICS
 from agents.provenance import machine, versions
 from envs.experts import expert_names
@@ -75,12 +76,16 @@ def main(options: ScoresOptions) -> int:
 
 
 def entrants() -> list[tuple[str, str]]:
-    """Environments, and names of what is scored there: experts, and ``agent`` where an agent is shipped."""
-    with_agent = shipped_agents()
+    """Environments, and names of what is scored there: experts, and what is shipped that was learnt."""
+    with_agent, with_forecaster = shipped_agents(), [ENV_ID]
     return [
         (env_id, name)
         for env_id in known_env_ids()
-        for name in (*expert_names(env_id), *([SHIPPED] if env_id in with_agent else []))
+        for name in (
+            *expert_names(env_id),
+            *([SHIPPED] if env_id in with_agent else []),
+            *([FORECASTER] if env_id in with_forecaster else []),
+        )
         if name != "random"
     ]
 
@@ -91,7 +96,7 @@ def score(env_id: str, name: str) -> Score:
     return score_policy(contender.policy, env_id, contender.settings({}))
 
 
-def score_policy(policy: Policy | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
+def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
     """The score of a policy."""
     seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
     return summary(evaluate(policy, env_id, seeds, env_config=env_config, lanes=EPISODES))

@@ -87,11 +87,11 @@ def dodge_accelerations(
     Raises:
         ValueError: if shapes do not fit, or the arm has not two links.
     """
-    body, values, sight = _prepared(arm, gains)
+    body, values, sight = prepared(arm, gains)
     lanes, discs = len(memory), memory.dtype["seen"].shape[0]
-    angles, speeds, hands = (_shaped(array, (lanes, 2)) for array in (q, qd, goal))
-    places, rates = (_shaped(array, (lanes, discs, 2)) for array in (positions, velocities))
-    sizes = _shaped(radii, (lanes, discs))
+    angles, speeds, hands = (shaped(array, (lanes, 2)) for array in (q, qd, goal))
+    places, rates = (shaped(array, (lanes, discs, 2)) for array in (positions, velocities))
+    sizes = shaped(radii, (lanes, discs))
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
     hands, places = hands - arm.base_array, places - arm.base_array
@@ -100,7 +100,7 @@ def dodge_accelerations(
     return qdd
 
 
-def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
+def shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     given = np.ascontiguousarray(array, dtype=float)
     if given.shape != shape:
         raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (lanes, ...), (lanes, discs, ...)")
@@ -108,7 +108,7 @@ def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 @cache
-def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
+def prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
     """Arm, gains and the time ahead as the kernels want them."""
     values = np.zeros(1, dtype=[(field.name, "f8") for field in fields(gains)])[0]
     for field in fields(gains):
@@ -136,13 +136,13 @@ def _dodge_lanes(
     places, trends, state = np.empty((sight.shape[0], discs, 2)), np.empty((discs, 4)), states[0]
     for lane in range(q.shape[0]):
         record = memory[lane]
-        _look(body, q[lane], qd[lane], goal[lane], period, state, record)
+        look(body, q[lane], qd[lane], goal[lane], period, state, record)
         notice_discs(gains, record, positions[lane], velocities[lane], period, trends)
         if record.decided:
             record.decided = False
         else:
             goal_postures(body, goal[lane, 0], goal[lane, 1], state.postures)
-            _choose_elbow(body, gains, state, record)
+            choose_elbow(body, gains, state, record)
             forecast(gains, sight, positions[lane], trends, places)
             choose_well(Scene(body, gains, state, sight, places, radii[lane]), record)
         record.begun = True
@@ -153,7 +153,7 @@ def _dodge_lanes(
 
 
 @njit(cache=True, nogil=True)
-def _look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
+def look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
     """Fill in the state of a lane; for how long it has held its goal so far."""
     angle = 0.0
     x = y = 0.0
@@ -169,7 +169,7 @@ def _look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any
 
 
 @njit(cache=True, nogil=True)
-def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
+def choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
     """The quicker elbow when an episode begins; what the other one is worse by."""
     if not record.begun:
         record.elbow = 1 if _time_to_posture(body, state, 1) < _time_to_posture(body, state, 0) else 0

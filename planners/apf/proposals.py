@@ -45,7 +45,7 @@ def choose_well(scene: Scene, record: Any) -> None:
         if cost < least:
             least, record.elbow = cost, other
             _take(record, goals[other, 0], goals[other, 1], CRUISE_SHARE, False)
-    rest1, rest2, push1, push2 = _rest_and_push(scene, outlook)
+    rest1, rest2, push1, push2 = rest_and_push(scene, outlook)
     briefly = round(gains.detour / STEP)
     if was_detour:
         least = _try_well(scene, record, Proposal(last1, last2, gains.evade, briefly, elbow), least, gains.constancy)
@@ -93,7 +93,7 @@ def _take(record: Any, well1: float, well2: float, share: float, detour: bool) -
 
 
 @njit(cache=True, nogil=True)
-def _rest_and_push(scene: Scene, outlook: Outlook) -> tuple[float, float, float, float]:
+def rest_and_push(scene: Scene, outlook: Outlook) -> tuple[float, float, float, float]:
     """Where the joints come to rest if they brake, and the direction of the repulsion, both in joint space.
 
     The repulsion is that of the disc that comes closest on the straight way, where and when it does. Its direction is

@@ -1,0 +1,86 @@
+"""A trained forecaster of discs, kept as safetensors and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.agent import FORMAT, Tensors, read_weights, write_weights
+from agents.forecasting.features import FEATURES
+from agents.forecasting.futures import OUTPUTS, Network
+
+ENV_ID = "ObstacleDodge-v0"
+"""Whose discs it forecasts."""
+
+_REQUIRED = ("env", "features", "outputs", "hidden")
+
+
+@dataclass(frozen=True)
+class Forecaster:
+    """A network that says where a disc may go.
+
+    Attributes:
+        document: what its JSON says: architecture, how it was trained, scores.
+        tensors: those of `Network`, by name, float32.
+    """
+
+    document: Mapping[str, Any]
+    tensors: Tensors
+
+    @cached_property
+    def network(self) -> Network:
+        """The weights as the kernels want them."""
+        return Network(*(np.ascontiguousarray(self.tensors[name], dtype=np.float64) for name in Network._fields))
+
+
+def describe_network(tensors: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """What a forecaster's JSON says of its network."""
+    return {
+        "format": FORMAT,
+        "env": ENV_ID,
+        "features": FEATURES,
+        "outputs": OUTPUTS,
+        "hidden": [len(tensors["bias0"]), len(tensors["bias1"])],
+    }
+
+
+def is_forecaster(path: Path) -> bool:
+    """Whether a file is one of a forecaster's weights, by the JSON beside it."""
+    try:
+        document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(document, dict) and all(name in document for name in _REQUIRED)
+
+
+def load_forecaster(path: str | Path | None = None) -> Forecaster:
+    """A trained forecaster: that of a .safetensors file with its JSON beside it, or the one shipped with planarm.
+
+    Raises:
+        ValueError: if its files are missing or damaged, or it was trained on other features.
+    """
+    shipped = resources.files("agents.forecasting").joinpath("trained", f"{ENV_ID}.safetensors")
+    source = Path(str(shipped if path is None else path))
+    document, tensors = read_weights(source, _REQUIRED)
+    absent = [name for name in Network._fields if name not in tensors]
+    if absent:
+        raise ValueError(f"{source} lacks {', '.join(absent)}")
+    if (document["features"], document["outputs"]) != (FEATURES, OUTPUTS):
+        raise ValueError(
+            f"{source} has {document['features']} features and {document['outputs']} outputs; this version of planarm "
+            f"has {FEATURES} and {OUTPUTS}: train it anew"
+        )
+    return Forecaster(document, tensors)
+
+
+def save_forecaster(forecaster: Forecaster, path: Path) -> None:
+    """Write weights to ``path`` (.safetensors), and the JSON beside them; each whole or not at all."""
+    write_weights(path, forecaster.document, forecaster.tensors)
