@@ -210,7 +210,7 @@ def read_weights(path: Path, required: Iterable[str]) -> tuple[dict[str, Any], d
         document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
         tensors = load(content)
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, SafetensorError) as error:
-        raise ValueError(f"cannot read the agent {path}: {error}") from None
+        raise ValueError(f"cannot read {path}: {error}") from None
     missing = [
         name for name in ("format", "sha256", *required) if not isinstance(document, dict) or name not in document
     ]

@@ -73,12 +73,25 @@ def load_forecaster(path: str | Path | None = None) -> Forecaster:
     absent = [name for name in Network._fields if name not in tensors]
     if absent:
         raise ValueError(f"{source} lacks {', '.join(absent)}")
-    if (document["features"], document["outputs"]) != (FEATURES, OUTPUTS):
+    kind = (document["env"], document["features"], document["outputs"])
+    if kind != (ENV_ID, FEATURES, OUTPUTS):
         raise ValueError(
-            f"{source} has {document['features']} features and {document['outputs']} outputs; this version of planarm "
-            f"has {FEATURES} and {OUTPUTS}: train it anew"
+            f"{source} is for {kind[0]}, with {kind[1]} features and {kind[2]} outputs; this version of planarm has "
+            f"{FEATURES} and {OUTPUTS} for {ENV_ID}: train it anew"
         )
+    for name, shape in network_shapes(*document["hidden"]).items():
+        if tensors[name].shape != shape:
+            raise ValueError(f"{source}: {name} has shape {tensors[name].shape}, not {shape} as its JSON says")
     return Forecaster(document, tensors)
+
+
+def network_shapes(first: int, second: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of the tensors of a `Network` with hidden layers so wide, by name."""
+    layers = enumerate(((first, FEATURES), (second, first), (OUTPUTS, second)))
+    shapes = {
+        f"{kind}{i}": shape if kind == "weight" else shape[:1] for i, shape in layers for kind in ("weight", "bias")
+    }
+    return {"mean": (FEATURES,), "spread": (FEATURES,), **shapes}
 
 
 def save_forecaster(forecaster: Forecaster, path: Path) -> None:

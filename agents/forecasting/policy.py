@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,15 @@ from envs.obstacle_dodge import ObstacleDodge
 from envs.obstacle_path import straight_move
 from envs.task import Task
 from planners import Arm, FixedHand, JointLimits
-from planners.apf.dodge import new_memory
+from planners.apf.dodge import new_memory, tuned_gains
 from planners.apf.hedged_dodge import hedged_accelerations
-from planners.apf.hedging import tuned_hedge
+from planners.apf.hedging import HedgeGains
 from planners.apf.safety import STEP
+from planners.kinematics import UnreachableTarget
 from planners.typing import Array
+
+FORESIGHT = 3.0
+"""How far ahead the field looks with forecasts, s; without them it does not pay to look as far."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +61,7 @@ class ForecastingDodger(Expert):
         forecaster: trained.
 
     Raises:
-        ValueError: if it was trained for another environment, or the environment has other settings than those that
-            the forecaster knows.
+        ValueError: for another task, or other settings than those that the forecaster knows.
     """
 
     def __init__(self, task: Task, forecaster: Forecaster) -> None:
@@ -71,7 +74,7 @@ class ForecastingDodger(Expert):
                 f"{task.config.num_obstacles} and {task.config.control_period:g} s; leave them out"
             )
         self._rules = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
-        self._gains, self._hedge = tuned_hedge()
+        self._gains, self._hedge = replace(tuned_gains(), horizon=FORESIGHT), HedgeGains()
         self._network, self._table = forecaster.network, knot_table(round(self._gains.horizon / STEP))
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Memory]:
@@ -139,7 +142,10 @@ def aimed_move(arm: Arm, limits: JointLimits, start: Array, goal: Array) -> NDAr
         goal: ``(2,)``, m.
     """
     ranges = np.array(arm.limits.angle)
-    allowed = [q for q in arm.inverse_kinematics(goal) if (np.abs(q) <= ranges).all()]
+    try:
+        allowed = [q for q in arm.inverse_kinematics(goal) if (np.abs(q) <= ranges).all()]
+    except UnreachableTarget:  # single precision may put a goal at the end of the reach just out of it
+        allowed = []
     end = min(allowed, key=lambda q: float(q[1] * start[1] < 0.0)) if allowed else start
     way = straight_move(arm, limits, start, end)
     record = np.zeros((), MOVE)

@@ -30,7 +30,7 @@ from planners.apf.safety import STEP
 from planners.typing import Array
 
 FIRST_EPISODE = 3_000_000
-"""Seed of the first path of training seed 0: apart from all that choose or judge. Others begin a million further on."""
+"""Seed of the first path of training seed 0, apart from those that choose or judge; the next begins a million on."""
 
 WATCHED = 5.0
 """Time of an episode up to which forecasts are learnt, s."""

@@ -62,11 +62,13 @@ def hedged_accelerations(
         ``(lanes, 2)``, rad/s^2.
 
     Raises:
-        ValueError: if shapes do not fit, or the arm has not two links.
+        ValueError: if shapes do not fit, a probability is negative or NaN, or the arm has not two links.
     """
     body, values, sight = prepared(arm, gains)
     lanes, discs = len(memory), memory.dtype["seen"].shape[0]
     chances = np.asarray(weights, dtype=float)
+    if not (chances >= 0.0).all():
+        raise ValueError(f"weights {chances.min():g} and more: probabilities are numbers that are not negative")
     count = chances.shape[-1]
     angles, speeds, hands = (shaped(array, (lanes, 2)) for array in (q, qd, goal))
     places, rates = (shaped(array, (lanes, discs, 2)) for array in (positions, velocities))

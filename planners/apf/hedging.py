@@ -7,25 +7,19 @@ it then, because by that time it will be seen which of them has come.
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, fields
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.apf.dodge_gains import DodgeGains
 from planners.apf.proposals import COMPASS, FOLDED, WELL_MARGIN, rest_and_push
 from planners.apf.safety import NEVER, STEP, Outlook, Proposal, Scene, look_ahead
 from planners.apf.whole_arm import CRUISE_SHARE
 from planners.typing import Array
-
-HEDGE_FILE = Path(__file__).with_name("hedge_gains.json")
-"""Those gains and how they were found."""
 
 UNLIKELY = 0.05
 """Probability of a future up to which it is not looked at."""
@@ -61,10 +55,10 @@ class HedgeGains:
         inertia: probability given to the disc's going on as it does, whatever else is expected.
     """
 
-    alarm: float
-    recourse: float
-    regret: float
-    inertia: float
+    alarm: float = 0.12
+    recourse: float = 0.5
+    regret: float = 0.5
+    inertia: float = 0.25
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -96,13 +90,6 @@ def room_for_options(futures: int) -> Options:
 
 
 @cache
-def tuned_hedge() -> tuple[DodgeGains, HedgeGains]:
-    """The best gains known of field and hedge with a trained forecaster in ObstacleDodge-v0."""
-    tuned = json.loads(HEDGE_FILE.read_text())
-    return DodgeGains(**tuned["field"]), HedgeGains(**tuned["hedge"])
-
-
-@cache
 def hedge_record(gains: HedgeGains) -> Any:
     """`HedgeGains` as the kernels want them."""
     record = np.zeros(1, dtype=[(field.name, "f8") for field in fields(gains)])[0]
@@ -113,10 +100,12 @@ def hedge_record(gains: HedgeGains) -> Any:
 
 @njit(cache=True, nogil=True)
 def leave_out_unlikely(weights: Array) -> None:
-    """Set small probabilities ``(futures,)`` to zero and scale the others up, in place."""
-    total = 0.0
+    """Set small probabilities ``(futures,)`` to zero and scale the others up, in place; the largest one stays."""
+    total, likeliest = 0.0, np.argmax(weights)
     for future in range(weights.shape[0]):
-        if weights[future] <= UNLIKELY:
+        if future == likeliest:
+            weights[future] = max(weights[future], 1e-9)
+        elif weights[future] <= UNLIKELY:
             weights[future] = 0.0
         total += weights[future]
     for future in range(weights.shape[0]):

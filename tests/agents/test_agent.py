@@ -149,17 +149,17 @@ def test_what_is_wrong_with_an_agent_is_said(saved: Path, changes: dict[str, Any
 
 
 def test_missing_and_damaged_files(saved: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="cannot read the agent"):
+    with pytest.raises(ValueError, match="cannot read "):
         load_agent(tmp_path / "none.safetensors")
     with pytest.raises(ValueError, match="unknown agent"):
         load_agent("ConveyorTrack-v7")
     saved.write_bytes(saved.read_bytes()[:40])
-    with pytest.raises(ValueError, match="cannot read the agent"):
+    with pytest.raises(ValueError, match="cannot read "):
         load_agent(saved)
     saved.with_suffix(".json").write_text("{}")
     save_agent(agent(), tmp_path / "other.safetensors")
     saved.write_bytes((tmp_path / "other.safetensors").read_bytes())
-    with pytest.raises(ValueError, match="lacks format, env"):
+    with pytest.raises(ValueError, match="lacks format, sha256, env"):
         load_agent(saved)
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
 from agents.contenders import Contender, find_contender
+from agents.forecasting import load_forecaster, save_forecaster
 
 ENV = "ConveyorTrack-v0"
 
@@ -36,6 +37,19 @@ def test_an_agent_brings_the_meaning_of_its_actions_and_no_other_setting(tmp_pat
         assert contender.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
 
 
+def test_the_forecaster_by_name_and_by_path(tmp_path: Path) -> None:
+    shipped = load_forecaster()
+    save_forecaster(shipped, tmp_path / "mine.safetensors")
+    for source, name in (("forecaster", "forecaster"), (str(tmp_path / "mine.safetensors"), "mine")):
+        contender = find_contender(source, "ObstacleDodge-v0")
+        assert (contender.name, contender.is_expert) == (name, False)
+        assert contender.settings({"tolerance": 0.05}) == {"tolerance": 0.05}
+        scored = evaluate(contender.policy, "ObstacleDodge-v0", range(4), env_config={"control_mode": "velocity"})
+        assert scored.success.sum() >= 3
+        with pytest.raises(ValueError, match="environment with a forecaster"):
+            find_contender(source, ENV)
+
+
 def test_a_task_of_other_actions_is_refused() -> None:
     contender = Contender("mine", "dpct", {"control_mode": "jerk"})
     assert contender.settings({"control_mode": "jerk"}) == {"control_mode": "jerk"}
@@ -50,7 +64,7 @@ def test_a_task_of_other_actions_is_refused() -> None:
     [
         ("agnt", ENV, 'did you mean "agent"'),
         ("agent", "Elsewhere-v0", "unknown environment with an agent of its own"),
-        ("no_such_run.safetensors", ENV, "cannot read the agent"),
+        ("no_such_run.safetensors", ENV, "cannot read no_such_run"),
         ("model.zip", ENV, "any code.*--allow-code"),
     ],
 )

@@ -12,15 +12,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import envs
 from agents import scores
 from agents.contenders import find_contender
-from agents.evaluation import Policy
+from agents.evaluation import Policy, as_policy
 from agents.scores import FILE, ScoresOptions, differences, entrants, load, main, score, score_policy
 
 Change = Callable[[Any], Any]
 STORED = load()
-QUICK = [(env_id, name) for env_id, name in entrants() if name in ("apf", "follower", "agent")]
+QUICK = [(env_id, name) for env_id, name in entrants() if name in ("apf", "follower", "agent", "forecaster")]
 
 
 class Changed:
@@ -41,7 +40,7 @@ def changed_differences(env_id: str, name: str, change: Change) -> list[str]:
     settings = contender.settings({})
     with closing(gym.make_vec(env_id, num_envs=scores.EPISODES, **settings)) as env:
         policy = contender.policy
-        changed = Changed(envs.make_expert(policy, env) if isinstance(policy, str) else policy, change)
+        changed = Changed(as_policy(policy, env), change)
         return list(differences(STORED[env_id][name], score_policy(changed, env_id, settings)))
 
 
