@@ -122,9 +122,12 @@ def seeds_table(candidates: Sequence[Candidate], chosen: Candidate) -> Table:
 
 def _train(config: ForecastConfig, seed: int, told: Console) -> Forecaster:
     try:
+        import torch
+
         from agents.forecasting.training import draw_samples, fit
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f'training needs pip install "planarm[rl]" ({error})') from None
+    torch.set_num_threads(1)
     began = perf_counter()
     told.print(f"seed {seed}: watching the discs of {config.episodes:,} episodes")
     samples = draw_samples(config, seed)

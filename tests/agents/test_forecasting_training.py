@@ -13,6 +13,7 @@ pytest.importorskip("torch", reason='needs pip install "planarm[rl]"')
 import torch
 
 from agents.forecasting import Forecaster, load_forecaster, save_forecaster
+from agents.forecasting.command import ForecasterOptions, run
 from agents.forecasting.config import ForecastConfig
 from agents.forecasting.features import FEATURES, disc_features
 from agents.forecasting.futures import KNOT_STEPS, KNOTS, PATHS, expect, going_on, knot_table
@@ -152,3 +153,35 @@ def test_the_network_that_acts_is_the_one_that_was_trained(told_and_trained: tup
 def test_settings_without_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         ForecastConfig.parse(wrong, "forecaster setting")
+
+
+def test_the_command_trains_every_seed_and_keeps_the_best(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tiny = ("episodes=24", "samples=4", "hidden=8", "epochs=1", "batch_size=32")
+    assert run(ForecasterOptions(changes=tiny, seeds=(3, 5), episodes=3, out=tmp_path)) == 0
+    table = capsys.readouterr().out
+    best = load_forecaster(tmp_path / "ObstacleDodge-v0.safetensors")
+    chosen = best.document["training"]["seed"]
+    assert f"**{chosen}**, shipped" in table
+    merits = {entry["seed"]: entry["selection"]["success"] for entry in best.document["seeds"]}
+    assert sorted(merits) == [3, 5]
+    assert merits[chosen] == max(merits.values())
+    assert best.document["held_out"]["seeds"] == [0, 2]
+    kept = load_forecaster(tmp_path / f"seed-{chosen}.safetensors")
+    for name, tensor in best.tensors.items():
+        np.testing.assert_array_equal(kept.tensors[name], tensor)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"changes": ("epoch=3",)}, 'did you mean "epochs"'),
+        ({"changes": ("hidden=0",)}, "hidden"),
+        ({"seeds": ()}, "at least one training seed"),
+        ({"seeds": (-1,)}, "none of them negative"),
+        ({"episodes": 0}, "episodes 0"),
+    ],
+)
+def test_the_command_says_what_is_wrong(tmp_path: Path, options: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        run(ForecasterOptions(**{"out": tmp_path, **options}))
+    assert not list(tmp_path.iterdir())
