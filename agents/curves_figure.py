@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from agents.curves import Curve
     from agents.leaderboard import Metric
+    from agents.learning_curves import Curve
 
 WIDTH, HEIGHT = 10.0, 3.5
 """Of the picture, inches."""

@@ -21,9 +21,9 @@ from rich.console import Console
 from rich.table import Table
 
 from agents.agent import Agent, load_agent, save_agent
-from agents.curves import Curve, check_alike, differing, read_curve
 from agents.evaluation import Evaluation, evaluate
 from agents.leaderboard import METRICS, shown_number
+from agents.learning_curves import Curve, check_alike, differing, read_curve
 from agents.statistics import Estimate, rate
 
 TRAINED = Path(__file__).parent / "trained"

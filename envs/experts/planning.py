@@ -78,7 +78,9 @@ class PlanningExpert(Expert):
             posed, begun = tracking.posed, tracking.begun
             tracking, planned = self._replanned(tracking, observations, left, misjudged)
             # Not every planner takes over a moving arm. In the first periods it has hardly left the old start.
-            tracking, _ = self._replanned(tracking, posed, begun, misjudged & ~planned)
+            again = misjudged & ~planned
+            if again.any():
+                tracking, _ = self._replanned(tracking, posed, begun, again)
         lanes, sample = np.arange(len(observations)), tracking.begun - left
         now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
         qdd = tracking_acceleration(

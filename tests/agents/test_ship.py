@@ -15,8 +15,8 @@ import pytest
 from run_folders import CONVEYOR, config, make_run
 
 from agents.agent import FORMAT, Agent, describe_layout, layout_of, load_agent, save_agent
-from agents.curves import read_curve
 from agents.evaluation import Evaluation, Timing, evaluate
+from agents.learning_curves import read_curve
 from agents.ship import TRAINED, Candidate, Scores, ShipOptions, choose, main, spread, summary
 from agents.statistics import Estimate
 
