@@ -48,9 +48,15 @@ def test_readmes_examples_run(code: str) -> None:
     exec(compile(code, "README.md", "exec"), {})
 
 
-@pytest.mark.parametrize("link", re.findall(r"\]\(([^):]+)\)", README))
-def test_readmes_links_lead_somewhere(link: str) -> None:
-    assert (ROOT / link).is_file()
+@pytest.mark.parametrize("page", ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+def test_links_lead_somewhere(page: str) -> None:
+    for link in re.findall(r"\]\(([^):]+)\)", (ROOT / page).read_text()):
+        file, _, heading = link.partition("#")
+        target = ROOT / page if not file else (ROOT / page).parent / file
+        assert target.is_file(), link
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", target.read_text(), flags=re.MULTILINE)
+            assert heading in [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles], link
 
 
 @pytest.mark.parametrize("requirement", requirements(), ids=str)
