@@ -18,9 +18,8 @@ from envs.obstacle_dodge import ObstacleDodge
 from envs.obstacle_path import straight_move
 from envs.task import Task
 from planners import Arm, FixedHand, JointLimits
-from planners.apf.dodge import new_memory, tuned_gains
-from planners.apf.hedged_dodge import hedged_accelerations
-from planners.apf.hedging import HedgeGains
+from planners.apf.dodge import dodge_accelerations, new_memory, tuned_gains
+from planners.apf.hedging import Futures, HedgeGains
 from planners.apf.safety import STEP
 from planners.kinematics import UnreachableTarget
 from planners.typing import Array
@@ -73,7 +72,7 @@ class ForecastingDodger(Expert):
                 f"the forecaster was trained with num_obstacles 1 and control_period {PERIOD:g} s, not "
                 f"{task.config.num_obstacles} and {task.config.control_period:g} s; leave them out"
             )
-        self._rules = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
+        self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
         self._gains, self._hedge = replace(tuned_gains(), horizon=FORESIGHT), HedgeGains()
         self._network, self._table = forecaster.network, knot_table(round(self._gains.horizon / STEP))
 
@@ -105,21 +104,19 @@ class ForecastingDodger(Expert):
         qdd = np.empty_like(q)
         for arm, chosen in self._arms():
             part = memory.field[chosen]
-            qdd[chosen] = hedged_accelerations(
+            qdd[chosen] = dodge_accelerations(
                 arm,
                 self._gains,
-                self._hedge,
                 q[chosen],
                 qd[chosen],
                 seen["goal"][chosen] + base,
                 seen["obstacle"][chosen, None] + base,
                 seen["obstacle_velocity"][chosen, None],
                 seen["obstacle_radius"][chosen],
-                futures[chosen] + base,
-                weights[chosen],
                 part,
                 self.task.config.control_period,
                 **self._rules,
+                futures=Futures(futures[chosen] + base, weights[chosen], self._hedge),
             )
             memory.field[chosen] = part
         return self._action_for(seen, qdd), memory

@@ -23,7 +23,7 @@ Planner = Callable[[MotionProblem], Trajectory]
 
 
 class Expert(ABC):
-    """A policy that is not learnt.
+    """A policy whose actions come from a planner or a controller, not from a network.
 
     It takes the arm for unloaded, unless `adapt` makes it weigh what the hand holds.
 

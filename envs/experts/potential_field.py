@@ -59,7 +59,7 @@ class DodgingExpert(Expert):
 
     def __init__(self, task: ObstacleDodge, gains: DodgeGains | None = None) -> None:
         super().__init__(task)
-        self._rules = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
+        self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
         self._gains = gains or tuned_gains()
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:

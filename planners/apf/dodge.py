@@ -2,13 +2,13 @@
 
 Every other period a lane looks ahead. It is drawn straight into the well of its goal as long as that is predicted to
 keep clear of the discs (:mod:`planners.apf.whole_arm`). Where it is not, the field makes proposals
-(:mod:`planners.apf.proposals`), each of which is followed into the future (:mod:`planners.apf.safety`).
+(:mod:`planners.apf.proposals`), each of which is followed into the future (:mod:`planners.apf.safety`). Where somebody
+tells several futures, all of them count (:mod:`planners.apf.hedging`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from functools import cache
 from typing import Any
 
@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from planners.apf.dodge_gains import DodgeGains, tuned_gains
+from planners.apf.dodge_gains import DodgeGains, as_record, tuned_gains
+from planners.apf.hedging import Futures, HedgeGains, Options, choose_hedged, leave_out_unlikely, room_for_options
 from planners.apf.proposals import choose_well
 from planners.apf.safety import STATE, Scene, keep_limits, make_sight
 from planners.apf.whole_arm import forecast, goal_postures, joint_attraction, make_body, notice_discs, time_to
@@ -64,6 +65,7 @@ def dodge_accelerations(
     *,
     tolerance: float = 0.03,
     hold_time: float = 0.5,
+    futures: Futures | None = None,
 ) -> Array:
     """Mean joint accelerations for the next period that bring the hand to its goal, clear of the discs.
 
@@ -80,27 +82,37 @@ def dodge_accelerations(
         period: control period, s.
         tolerance: how close to the goal the hand has to be, m.
         hold_time: for how long; then the episode is over, and so is any danger, s.
+        futures: of the discs, at the instants that the gains look at; if left out, discs are taken to go on.
 
     Returns:
         ``(lanes, 2)``, rad/s^2. A goal that no posture within the ranges reaches: the lane brakes and evades.
 
     Raises:
-        ValueError: if shapes do not fit, or the arm has not two links.
+        ValueError: if shapes do not fit, a probability is negative or NaN, or the arm has not two links.
     """
-    body, values, sight = prepared(arm, gains)
+    body, values, sight = _prepared(arm, gains)
     lanes, discs = len(memory), memory.dtype["seen"].shape[0]
-    angles, speeds, hands = (shaped(array, (lanes, 2)) for array in (q, qd, goal))
-    places, rates = (shaped(array, (lanes, discs, 2)) for array in (positions, velocities))
-    sizes = shaped(radii, (lanes, discs))
+    angles, speeds, hands = (_shaped(array, (lanes, 2)) for array in (q, qd, goal))
+    places, rates = (_shaped(array, (lanes, discs, 2)) for array in (positions, velocities))
+    sizes = _shaped(radii, (lanes, discs))
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
-    hands, places = hands - arm.base_array, places - arm.base_array
+    told = futures or Futures(np.empty((lanes, 0, len(sight), discs, 2)), np.empty((lanes, 0)), HedgeGains())
+    count = np.shape(told.weights)[-1]
+    ahead, weights = _shaped(told.places, (lanes, count, len(sight), discs, 2)), _shaped(told.weights, (lanes, count))
+    if not (weights >= 0.0).all():
+        raise ValueError(f"weights of futures {weights.tolist()}: probabilities are numbers that are not negative")
+    hedge, options = as_record(told.hedge), room_for_options(count + 1)
+    base = arm.base_array
     qdd = np.empty_like(angles)
-    _dodge_lanes(body, values, sight, states, angles, speeds, hands, places, rates, sizes, memory, period, qdd)
+    _dodge_lanes(
+        body, values, sight, states, angles, speeds, hands - base, places - base, rates, sizes, ahead - base, weights,
+        hedge, options, memory, period, qdd,
+    )  # fmt: skip
     return qdd
 
 
-def shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     given = np.ascontiguousarray(array, dtype=float)
     if given.shape != shape:
         raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (lanes, ...), (lanes, discs, ...)")
@@ -108,12 +120,9 @@ def shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 @cache
-def prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
+def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
     """Arm, gains and the time ahead as the kernels want them."""
-    values = np.zeros(1, dtype=[(field.name, "f8") for field in fields(gains)])[0]
-    for field in fields(gains):
-        values[field.name] = getattr(gains, field.name)
-    return make_body(arm), values, make_sight(gains)
+    return make_body(arm), as_record(gains), make_sight(gains)
 
 
 @njit(cache=True, nogil=True)
@@ -128,23 +137,36 @@ def _dodge_lanes(
     positions: Array,
     velocities: Array,
     radii: Array,
+    futures: Array,
+    weights: Array,
+    hedge: Any,
+    options: Options,
     memory: Any,
     period: float,
     qdd: Array,
 ) -> None:
-    discs = radii.shape[1]
-    places, trends, state = np.empty((sight.shape[0], discs, 2)), np.empty((discs, 4)), states[0]
+    count, discs, state = weights.shape[1], radii.shape[1], states[0]
+    # What is told, and last the field's own forecast.
+    places, chances = np.empty((count + 1, sight.shape[0], discs, 2)), np.empty(count + 1)
+    trends = np.empty((discs, 4))
     for lane in range(q.shape[0]):
         record = memory[lane]
-        look(body, q[lane], qd[lane], goal[lane], period, state, record)
+        _look(body, q[lane], qd[lane], goal[lane], period, state, record)
         notice_discs(gains, record, positions[lane], velocities[lane], period, trends)
         if record.decided:
             record.decided = False
         else:
             goal_postures(body, goal[lane, 0], goal[lane, 1], state.postures)
-            choose_elbow(body, gains, state, record)
-            forecast(gains, sight, positions[lane], trends, places)
-            choose_well(Scene(body, gains, state, sight, places, radii[lane]), record)
+            _choose_elbow(body, gains, state, record)
+            forecast(gains, sight, positions[lane], trends, places[count])
+            scene = Scene(body, gains, state, sight, places[count], radii[lane])
+            if count == 0:
+                choose_well(scene, record)
+            else:
+                places[:count], chances[:count] = futures[lane], (1.0 - hedge.inertia) * weights[lane]
+                chances[count] = hedge.inertia
+                leave_out_unlikely(chances)
+                choose_hedged(scene, places, chances, hedge, options, record)
         record.begun = True
         for i in range(2):
             error, strength = record.well[i] - q[lane, i], record.share * body.hardest[i]
@@ -153,7 +175,7 @@ def _dodge_lanes(
 
 
 @njit(cache=True, nogil=True)
-def look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
+def _look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
     """Fill in the state of a lane; for how long it has held its goal so far."""
     angle = 0.0
     x = y = 0.0
@@ -169,7 +191,7 @@ def look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any,
 
 
 @njit(cache=True, nogil=True)
-def choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
+def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
     """The quicker elbow when an episode begins; what the other one is worse by."""
     if not record.begun:
         record.elbow = 1 if _time_to_posture(body, state, 1) < _time_to_posture(body, state, 0) else 0

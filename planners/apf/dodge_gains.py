@@ -7,6 +7,9 @@ import math
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 GAINS_FILE = Path(__file__).with_name("dodge_gains.json")
 """The tuned gains and how they were found."""
@@ -72,6 +75,15 @@ class DodgeGains:
             raise ValueError(f"evade = {self.evade} must be a share of the limits, in (0, 1]")
         if not self.nearest < min(self.corner_reach, self.farthest):
             raise ValueError(f"nearest = {self.nearest} m must be less than corner_reach and farthest")
+
+
+@cache
+def as_record(gains: Any) -> Any:
+    """The numbers of a dataclass of gains as the kernels want them: a record with its fields, float64."""
+    record = np.zeros(1, dtype=[(field.name, "f8") for field in fields(gains)])[0]
+    for field in fields(gains):
+        record[field.name] = getattr(gains, field.name)
+    return record
 
 
 @cache

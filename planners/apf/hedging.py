@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,6 +68,20 @@ class HedgeGains:
             raise ValueError(f"inertia = {self.inertia} is a probability, at most 1")
 
 
+class Futures(NamedTuple):
+    """Several ways that the discs of each lane may go.
+
+    Attributes:
+        places: of the discs, `STEP` apart and `STEP` from now, ``(lanes, futures, steps, discs, 2)``, m.
+        weights: probabilities, ``(lanes, futures)``.
+        hedge: how they are weighed.
+    """
+
+    places: Array
+    weights: Array
+    hedge: HedgeGains
+
+
 class Options(NamedTuple):
     """Room for the proposals of one lane, and for what becomes of each in each future.
 
@@ -87,15 +100,6 @@ def room_for_options(futures: int) -> Options:
     """`Options` for so many futures."""
     shape = (MOST_OPTIONS, futures)
     return Options(np.zeros(MOST_OPTIONS, _OPTION), np.zeros(shape), np.zeros(shape, dtype=np.int64))
-
-
-@cache
-def hedge_record(gains: HedgeGains) -> Any:
-    """`HedgeGains` as the kernels want them."""
-    record = np.zeros(1, dtype=[(field.name, "f8") for field in fields(gains)])[0]
-    for field in fields(gains):
-        record[field.name] = getattr(gains, field.name)
-    return record
 
 
 @njit(cache=True, nogil=True)

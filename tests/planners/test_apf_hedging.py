@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from planners import PLANAR_3R, SCARA_50CM, Arm
 from planners.apf.dodge import dodge_accelerations, new_memory, tuned_gains
-from planners.apf.hedged_dodge import hedged_accelerations
-from planners.apf.hedging import UNLIKELY, HedgeGains, leave_out_unlikely
+from planners.apf.hedging import UNLIKELY, Futures, HedgeGains, leave_out_unlikely
 from planners.apf.safety import STEP
 from planners.typing import Array
 
@@ -49,7 +48,8 @@ def hedged(disc: Motion, told: list[Motion], weights: list[float], hedge: HedgeG
     def act(q: Array, qd: Array, t: float, memory: NDArray[Any]) -> Array:
         futures = np.array([[one(t + ahead) for ahead in AHEAD] for one in told])[None, :, :, None]
         lane = q[None], qd[None], GOAL[None], *seen(disc, t)
-        return np.ravel(hedged_accelerations(ARM, GAINS, hedge, *lane, futures, [weights], memory, PERIOD))
+        told_all = Futures(futures, np.array([weights]), hedge)
+        return np.ravel(dodge_accelerations(ARM, GAINS, *lane, memory, PERIOD, futures=told_all))
 
     return act
 
@@ -207,20 +207,19 @@ def test_accelerations_velocities_and_torques_keep_the_limits(
     q1: float, q2: float, v1: float, v2: float, discs: int, futures: int, seed: int
 ) -> None:
     q, qd, generator = np.array([q1, q2]), np.array([v1, v2]), np.random.default_rng(seed)
-    qdd = hedged_accelerations(
+    places = generator.uniform(-1.0, 1.0, (1, futures, len(AHEAD), discs, 2))
+    qdd = dodge_accelerations(
         ARM,
         GAINS,
-        HEDGE,
         q[None],
         qd[None],
         ARM.forward_kinematics([0.3, 1.0])[None],
         generator.uniform(-1.0, 1.0, (1, discs, 2)),
         generator.uniform(-1.0, 1.0, (1, discs, 2)),
         np.full((1, discs), RADIUS),
-        generator.uniform(-1.0, 1.0, (1, futures, len(AHEAD), discs, 2)),
-        generator.dirichlet(np.ones(futures))[None],
         new_memory(1, discs),
         PERIOD,
+        futures=Futures(places, generator.dirichlet(np.ones(futures))[None], HEDGE),
     )[0]
     assert (np.abs(qdd) <= np.array(LIMITS.acceleration) * (1 + 1e-12)).all()
     assert (np.abs(qd + PERIOD * qdd) <= np.array(LIMITS.velocity) + 1e-12).all()
@@ -245,8 +244,9 @@ def random_lanes(lanes: int, discs: int, futures: int = 3) -> dict[str, Array]:
 
 
 def hedged_lanes(lanes: dict[str, Array], memory: NDArray[Any], arm: Arm = ARM) -> Array:
-    given_lanes: dict[str, Any] = dict(lanes)
-    return hedged_accelerations(arm, GAINS, HEDGE, **given_lanes, memory=memory, period=PERIOD)
+    seen_lanes: dict[str, Any] = {name: array for name, array in lanes.items() if name not in ("futures", "weights")}
+    futures = Futures(lanes["futures"], lanes["weights"], HEDGE)
+    return dodge_accelerations(arm, GAINS, **seen_lanes, memory=memory, period=PERIOD, futures=futures)
 
 
 @pytest.mark.parametrize("discs", [1, 2])
