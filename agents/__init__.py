@@ -4,17 +4,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agents.agent import Agent, load_agent, save_agent
-    from agents.evaluation import Evaluation, evaluate
+    from agents.evaluation.evaluate import Evaluation, evaluate
+    from agents.policies.agent import Agent, load_agent, save_agent
 
 __all__ = ["Agent", "Evaluation", "evaluate", "load_agent", "save_agent"]
 
 _HOMES = {
-    "Agent": "agents.agent",
-    "Evaluation": "agents.evaluation",
-    "evaluate": "agents.evaluation",
-    "load_agent": "agents.agent",
-    "save_agent": "agents.agent",
+    "Agent": "agents.policies.agent",
+    "Evaluation": "agents.evaluation.evaluate",
+    "evaluate": "agents.evaluation.evaluate",
+    "load_agent": "agents.policies.agent",
+    "save_agent": "agents.policies.agent",
 }
 
 

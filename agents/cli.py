@@ -26,21 +26,25 @@ class Command:
 
 
 COMMANDS = {
-    "benchmark": Command("agents.benchmark", "BenchmarkOptions", "score policies on tasks, beside the known optimum"),
-    "evaluate": Command("agents.evaluate_command", "EvaluateOptions", "score one policy on one task, others beside it"),
-    "rollout": Command("agents.rollout", "RolloutOptions", "show or record one episode"),
-    "paths": Command("agents.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
-    "payload": Command("agents.payload", "PayloadOptions", "experts with a mass on the hand, and the adaptive law"),
-    "train": Command("agents.training.command", "TrainOptions", "train an agent with PPO, or go on with a run"),
-    "train-forecaster": Command(
-        "agents.forecasting.command", "ForecasterOptions", "train the forecaster of ObstacleDodge-v0's discs"
+    "benchmark": Command(
+        "agents.commands.benchmark", "BenchmarkOptions", "score policies on tasks, beside the known optimum"
     ),
-    "curves": Command("agents.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
-    "fidelity": Command("agents.fidelity", "FidelityOptions", "how true the physics is: a table of errors"),
-    "paper-dpct": Command("agents.paper_dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
-    "paper-lagrange": Command("agents.paper_lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
-    "paper-apf": Command("agents.paper_apf", "PaperApfOptions", "the potential-field paper's results again"),
-    "paper-excavator": Command("agents.paper_excavator", "PaperExcavatorOptions", "the payload paper's results again"),
+    "evaluate": Command(
+        "agents.commands.evaluate", "EvaluateOptions", "score one policy on one task, others beside it"
+    ),
+    "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
+    "paths": Command("agents.commands.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
+    "payload": Command(
+        "agents.commands.payload", "PayloadOptions", "experts with a mass on the hand, and the adaptive law"
+    ),
+    "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or go on with a run"),
+    "curves": Command("agents.commands.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
+    "paper-dpct": Command("agents.papers.dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
+    "paper-lagrange": Command("agents.papers.lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
+    "paper-apf": Command("agents.papers.apf.command", "PaperApfOptions", "the potential-field paper's results again"),
+    "paper-excavator": Command(
+        "agents.papers.excavator.command", "PaperExcavatorOptions", "the payload paper's results again"
+    ),
 }
 
 DESCRIPTION = """\

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 __all__ = ["make_expert"]
 
 _TASKS = {
-    "ConveyorTrack-v0": "envs.conveyor_track:ConveyorTrack",
-    "MinTorqueMove-v0": "envs.min_torque_move:MinTorqueMove",
-    "ObstacleDodge-v0": "envs.obstacle_dodge:ObstacleDodge",
-    "ExcavatorPayload-v0": "envs.excavator_payload:ExcavatorPayload",
+    "ConveyorTrack-v0": "envs.conveyor_track.env:ConveyorTrack",
+    "MinTorqueMove-v0": "envs.min_torque_move.env:MinTorqueMove",
+    "ObstacleDodge-v0": "envs.obstacle_dodge.env:ObstacleDodge",
+    "ExcavatorPayload-v0": "envs.excavator_payload.env:ExcavatorPayload",
 }
 
 for _env_id, _name in _TASKS.items():

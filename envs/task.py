@@ -12,17 +12,17 @@ import gymnasium as gym
 import numpy as np
 from numba import njit
 
-from envs.actuation import (
+from envs.observation import Layout, Observation
+from envs.physics.actuation import (
     LIMIT_KINDS,
     ControlMode,
     actuation_lane_fields,
     actuation_model_fields,
     fill_actuation,
 )
-from envs.observation import Layout, Observation
+from envs.physics.world import World, arm_fields, body_fields
 from envs.rendering import Scene
 from envs.settings import Settings
-from envs.world import World, arm_fields, body_fields
 from planners import Arm, MotionProblem
 from planners.typing import Array
 

@@ -6,9 +6,7 @@ Nothing here knows of Gymnasium. SI units and radians throughout; joint angles a
 from pathlib import Path
 
 from planners import apf, control, dpct, lagrange, quintic, trapezoid
-from planners.arm import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, JointLimits
 from planners.compile_cache import drop_stale
-from planners.kinematics import UnreachableTarget
 from planners.problem import (
     FixedHand,
     FixedJoints,
@@ -18,6 +16,8 @@ from planners.problem import (
     Obstacle,
     Trajectory,
 )
+from planners.robot.arm import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, JointLimits
+from planners.robot.kinematics import UnreachableTarget
 
 __all__ = [
     "PLANAR_3R",

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from planners.kinematics import UnreachableTarget, wrap
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.robot.kinematics import UnreachableTarget, wrap
 from planners.typing import Array
 
 Elbow = Literal["best", "start", "+", "-"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.arm import Arm, JointLimits
+from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planners.dynamics import inverse_dynamics_lane
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.robot.dynamics import inverse_dynamics_lane
 from planners.typing import Array
 
 SAMPLES = 200

@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.training.config import Amortisation, TrainingConfig
-from envs.min_torque_move import MinTorqueMove
-from envs.move_kernels import SHAPE_SCALE
-from planners.rest_curve import SHAPES, shape_functions
+from agents.training.recipe import Amortisation, TrainingConfig
+from envs.min_torque_move.env import MinTorqueMove
+from envs.min_torque_move.kernels import SHAPE_SCALE
+from planners.motion.rest_curve import SHAPES, shape_functions
 from planners.typing import Array
 
 _LANES = 1024
@@ -33,7 +33,7 @@ _LINES = 20
 
 
 class MoveCost:
-    """Cost of motions for observations of their starts, in torch; see `planners.rest_curve` for the motions.
+    """Cost of motions for observations of their starts, in torch; see `planners.motion.rest_curve` for the motions.
 
     Args:
         task: of the moves.
@@ -80,7 +80,7 @@ class MoveCost:
         return change[:, None, :] * ways[:, None] + (bend @ shapes).transpose(1, 2)
 
     def _torque(self, q: torch.Tensor, qd: torch.Tensor, qdd: torch.Tensor) -> torch.Tensor:
-        """Inverse dynamics of a planar chain, as in `planners.dynamics`, in absolute angles."""
+        """Inverse dynamics of a planar chain, as in `planners.robot.dynamics`, in absolute angles."""
         angle, speed, acceleration = q.cumsum(-1), qd.cumsum(-1), qdd.cumsum(-1)
         c, s = torch.cos(angle), torch.sin(angle)
         square = speed * speed

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from agents.training.config import TrainingConfig
+from agents.training.recipe import TrainingConfig
 from agents.training.vec_env import LanesVecEnv
 from envs.observation import Layout
 from envs.settings import refuse_unknown

@@ -25,17 +25,17 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
-from agents.agent import ACTION_SETTINGS, FORMAT, Agent, describe_layout, layout_of, save_agent
-from agents.evaluation import Evaluation, evaluate
-from agents.experiment import load_experiment
+from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.files import whole_file, write_json, write_text
+from agents.policies.agent import ACTION_SETTINGS, FORMAT, Agent, describe_layout, layout_of, save_agent
 from agents.provenance import machine, versions
 from agents.training.amortise import amortise
-from agents.training.config import EVALUATION_SEED, TrainingConfig
 from agents.training.ppo import SegmentedPPO, agent_tensors, fine_elements
+from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 from agents.training.vec_env import LanesVecEnv
 from agents.training.warm_start import clone_expert
 from agents.training.whole_episodes import WholeEpisodes
+from agents.yaml_config import load_experiment
 from envs.experts import expert_names
 from envs.settings import refuse_unknown
 

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 import envs
-from agents.training.config import TrainingConfig, WarmStart
+from agents.training.recipe import TrainingConfig, WarmStart
 from planners.typing import Array
 
 Samples = tuple[NDArray[np.float32], NDArray[np.float32]]

@@ -13,18 +13,18 @@ from typing import Any
 
 import gymnasium as gym
 
-from envs.excavator_payload import ExcavatorPayload
+from envs.conveyor_track.planning import meet_on_line
+from envs.excavator_payload.controllers import PayloadExpert
+from envs.excavator_payload.env import ExcavatorPayload
+from envs.excavator_payload.waypoint_experts import FieldWayExpert, PlannedWayExpert, unhurried
 from envs.experts.base import Expert
-from envs.experts.dodging import REPLAN_EVERY, pass_via_nodes, time_along_line
-from envs.experts.excavating import PayloadExpert
 from envs.experts.follower import FollowerExpert
-from envs.experts.meeting import meet_on_line
 from envs.experts.planning import PlanningExpert
 from envs.experts.potential_field import DodgingExpert, JointFieldExpert, MovingTargetExpert
-from envs.experts.uniform import RandomExpert
-from envs.experts.waypoints import FieldWayExpert, PlannedWayExpert, unhurried
-from envs.min_torque_move import MinTorqueMove
-from envs.obstacle_dodge import ObstacleDodge
+from envs.experts.random_policy import RandomExpert
+from envs.min_torque_move.env import MinTorqueMove
+from envs.obstacle_dodge.env import ObstacleDodge
+from envs.obstacle_dodge.planning import REPLAN_EVERY, pass_via_nodes, time_along_line
 from envs.settings import refuse_unknown
 from envs.task import Task
 from planners import dpct, lagrange, quintic, trapezoid

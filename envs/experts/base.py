@@ -10,9 +10,9 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.actuation import action_scale
-from envs.experts.adaptation import Knowledge, PayloadAdaptation, loaded_arms
+from envs.experts.payload_estimation import Knowledge, PayloadAdaptation, loaded_arms
 from envs.observation import Observation
+from envs.physics.actuation import action_scale
 from envs.task import Task
 from planners import Arm, Infeasible, MotionProblem, Trajectory
 from planners.control import held_torque, within_torque

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from envs.experts.base import Expert
 from envs.observation import Observation
-from envs.obstacle_dodge import ObstacleDodge
+from envs.obstacle_dodge.env import ObstacleDodge
 from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
 from planners.apf.joint_field import reach
 from planners.apf.moving_target import approach

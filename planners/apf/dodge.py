@@ -21,7 +21,7 @@ from planners.apf.hedging import Futures, HedgeGains, Options, choose_hedged, le
 from planners.apf.proposals import choose_well
 from planners.apf.safety import STATE, Scene, keep_limits, make_sight
 from planners.apf.whole_arm import forecast, goal_postures, joint_attraction, make_body, notice_discs, time_to
-from planners.arm import Arm
+from planners.robot.arm import Arm
 from planners.typing import Array
 
 __all__ = ["DodgeGains", "dodge_accelerations", "new_memory", "tuned_gains"]

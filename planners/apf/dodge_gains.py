@@ -88,5 +88,5 @@ def as_record(gains: Any) -> Any:
 
 @cache
 def tuned_gains() -> DodgeGains:
-    """The best gains known for ObstacleDodge-v0; see ``agents/tune_apf.py``."""
+    """The best gains known for ObstacleDodge-v0; see ``tools/tune_apf.py``."""
     return DodgeGains(**json.loads(GAINS_FILE.read_text())["gains"])

@@ -18,7 +18,7 @@ from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
 from planners.apf.khatib import Gains, gradient_lane, make_gains
-from planners.kinematics import hand_state_lane
+from planners.robot.kinematics import hand_state_lane
 from planners.typing import Array
 
 Distance = Literal["table", "static"]

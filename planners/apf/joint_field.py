@@ -22,9 +22,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from planners.arm import Arm
 from planners.control import held_torque_lane, share_within
-from planners.dynamics import inverse_dynamics_lane
+from planners.robot.arm import Arm
+from planners.robot.dynamics import inverse_dynamics_lane
 from planners.typing import Array
 
 BRAKING_SHARE = 0.9

@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 
 from planners.apf.attraction import attraction, linear_field
-from planners.arm import Arm, JointLimits
-from planners.dynamics import inverse_dynamics_lane, mass_matrix_lane
-from planners.kinematics import two_link_branch
-from planners.smoothness import smooth_bounds
+from planners.control.joint_limits import smooth_bounds
+from planners.robot.arm import Arm, JointLimits
+from planners.robot.dynamics import inverse_dynamics_lane, mass_matrix_lane
+from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
 BANDWIDTH = 0.24

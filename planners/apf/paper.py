@@ -30,9 +30,9 @@ from planners.apf.hand_field import (
     joint_rates_lane,
     make_field,
 )
-from planners.clearance import clearance_lane
-from planners.kinematics import hand_state_lane
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.robot.clearance import clearance_lane
+from planners.robot.kinematics import hand_state_lane
 from planners.typing import Array
 
 PERIOD = 1e-4

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from planners.arm import Arm
-from planners.kinematics import two_link_branch
+from planners.robot.arm import Arm
+from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
 BRAKING_SHARE = 0.85
@@ -42,7 +42,8 @@ BODY = [
     ("weight", "f8", (2,)),
 ]
 """What the kernels know of a two-link arm: its links, m; largest angles, rad, and velocities, rad/s; accelerations
-towards the goal and the largest, rad/s^2; largest torques, N m; and its dynamics, see :mod:`planners.dynamics`."""
+towards the goal and the largest, rad/s^2; largest torques, N m; and its dynamics, see
+:mod:`planners.robot.dynamics`."""
 
 CRUISE_SHARE = 0.5
 """Share of the acceleration limits that the way to the goal uses: the other half is for evading."""

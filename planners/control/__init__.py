@@ -9,6 +9,7 @@ from planners.control.adaptive import AdaptiveComputedTorque, AdaptiveController
 from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
 from planners.control.fixed import ComputedTorque, IntegralComputedTorque, PDGravity
 from planners.control.model import ArmModel
+from planners.control.payload_estimation import PayloadScale, Weighing
 from planners.control.planar import PlanarArmModel
 from planners.control.tracking import (
     Gains,
@@ -19,7 +20,6 @@ from planners.control.tracking import (
     tracking_acceleration,
     within_torque,
 )
-from planners.control.weighing import PayloadScale, Weighing
 
 __all__ = [
     "AdaptiveComputedTorque",

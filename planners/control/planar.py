@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.arm import Arm
+from planners.robot.arm import Arm
 from planners.typing import Array
 
 
 class PlanarArmModel:
     """An `Arm` as an `ArmModel`; the one parameter is the point mass at the hand, kg.
 
-    In absolute link angles the equations of :mod:`planners.dynamics` are linear in the coupling matrix and the weight,
+    In absolute link angles the equations of :mod:`planners.robot.dynamics` are linear in the coupling matrix and the
+    weight,
     and a mass m at the hand adds ``m l l^T`` to the one and ``m g l`` to the other, l being the link lengths. That is
     the arm that `Arm.with_payload` makes.
 

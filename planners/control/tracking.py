@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from planners.arm import Arm
-from planners.dynamics import forward_dynamics_lane, inverse_dynamics_lane, mass_matrix_lane
+from planners.robot.arm import Arm
+from planners.robot.dynamics import forward_dynamics_lane, inverse_dynamics_lane, mass_matrix_lane
 from planners.typing import Array
 
 

@@ -7,10 +7,10 @@ jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Mani
 exact in
   time and checked on a dense grid.
 - ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
-- ``variant="torque"`` (:mod:`planners.dpct.torque_index`): to rest at a fixed target exactly at the horizon, with the
+- ``variant="torque"`` (:mod:`planners.dpct.torque.planner`): to rest at a fixed target exactly at the horizon, with the
   least torque on the straight way there; limits of jerk are not kept.
-- ``variant="timing"`` (:mod:`planners.dpct.timing`): to rest at a fixed target past moving discs, by when to be where
-  on a straight way; limits of jerk are not kept.
+- ``variant="timing"`` (:mod:`planners.dpct.timing.planner`): to rest at a fixed target past moving discs, by when to
+  be where on a straight way; limits of jerk are not kept.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-from planners.dpct.feasibility import Window, ride_windows
-from planners.dpct.line import Branch, reduce_to_line
 from planners.dpct.optimal import plan_optimal
 from planners.dpct.paper import plan_paper
 from planners.dpct.settling import settling_bound
-from planners.dpct.timing import plan_timing
-from planners.dpct.torque_index import plan_torque
+from planners.dpct.timing.planner import plan_timing
+from planners.dpct.torque.planner import plan_torque
+from planners.motion.line import Branch, reduce_to_line
+from planners.motion.rides import Window, ride_windows
 from planners.problem import MotionProblem, Trajectory
 from planners.variants import plan_variant
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.path import look_up
+from planners.motion.path import look_up
 from planners.typing import Array
 
 POINT_ROWS = 4
@@ -33,7 +33,7 @@ class Course(NamedTuple):
         target: position, velocity and acceleration of the target at time 0, ``(3,)``.
         start: position, velocity and acceleration of the hand at time 0, ``(3,)``.
         free_acceleration: whether the planner chooses the acceleration at time 0.
-        table_start, table_step, table: a :class:`planners.path.PathTable`.
+        table_start, table_step, table: a :class:`planners.motion.path.PathTable`.
         inverse_limits: 1 / limit (0 for none) of torque, velocity, acceleration and jerk, ``(4, n)``.
         low, high: bounds of r.
         slowest: lower bound of r'; -inf for none.

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from planners.dpct.constraints import Course
-from planners.dpct.feasibility import KINDS, Window, limit_table, ride_windows
-from planners.dpct.line import Line, reduce_to_line
 from planners.dpct.search import Aim, find_rendezvous, meets_at
-from planners.path import HandLine
+from planners.motion.line import Line, reduce_to_line
+from planners.motion.path import HandLine
+from planners.motion.rides import KINDS, Window, limit_table, ride_windows
 from planners.problem import Infeasible
 from planners.typing import Array
 

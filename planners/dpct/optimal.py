@@ -16,10 +16,10 @@ import numpy as np
 
 from planners.dpct import diagnosis
 from planners.dpct.constraints import Course
-from planners.dpct.feasibility import KINDS, Window, joint_motion, limit_table, ride_windows
-from planners.dpct.line import Branch, Line, reduce_to_line
-from planners.dpct.sampling import sample_manoeuvre, sample_ride, to_trajectory
 from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
+from planners.motion.line import Branch, Line, reduce_to_line
+from planners.motion.rides import KINDS, Window, joint_motion, limit_table, ride_windows
+from planners.motion.stages import sample_manoeuvre, sample_ride, to_trajectory
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory
 from planners.typing import Array
 

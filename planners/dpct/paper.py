@@ -28,9 +28,9 @@ from typing import Literal
 
 import numpy as np
 
-from planners.dpct.line import OFF_LINE, reduce_to_line
 from planners.dpct.phase_plane import Tables, search, tabulate
-from planners.path import Path
+from planners.motion.line import OFF_LINE, reduce_to_line
+from planners.motion.path import Path
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
 from planners.typing import Array
 

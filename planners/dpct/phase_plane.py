@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.arm import Arm
+from planners.robot.arm import Arm
 from planners.typing import Array
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.dpct.constraints import Course
-from planners.dpct.feasibility import Window, limit_table
 from planners.dpct.interior_point import Solution, guess_time, quintic_index, solve
-from planners.dpct.line import Line
-from planners.path import tabulate
+from planners.motion.line import Line
+from planners.motion.path import tabulate
+from planners.motion.rides import Window, limit_table
 from planners.typing import Array
 
 SHORT_ENDS = (0.1, 0.5)

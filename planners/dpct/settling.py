@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from planners.dpct.constraints import Course
-from planners.dpct.feasibility import Window, ride_windows
 from planners.dpct.interior_point import solve
-from planners.dpct.line import reduce_to_line
 from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
+from planners.motion.line import reduce_to_line
+from planners.motion.rides import Window, ride_windows
 from planners.problem import MotionProblem, MovingHand
 from planners.typing import Array
 

@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from planners.arm import Arm
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.newton_euler import (
     Chain,
@@ -22,6 +21,7 @@ from planners.excavator.newton_euler import (
     regressor_lane,
     torque_lane,
 )
+from planners.robot.arm import Arm
 from planners.typing import Array
 
 INERTIAL_PARAMETERS = 10

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.excavator.kinematics import joint_angles
 from planners.excavator.machine import EXCAVATOR, JOINT_NAMES, N_JOINTS, Excavator
-from planners.kinematics import two_link_branch
+from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
 BRANCH_NAMES = tuple(

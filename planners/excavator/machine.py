@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from planners.arm import JointLimits
+from planners.robot.arm import JointLimits
 from planners.typing import Array
 
 N_JOINTS = 5

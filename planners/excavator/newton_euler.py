@@ -29,7 +29,7 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.dynamics import solve_mass_matrix
+from planners.robot.dynamics import solve_mass_matrix
 from planners.typing import Array
 
 Vector = tuple[float, float, float]

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.arm import Arm, JointLimits
 from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload, payload_basis
 from planners.excavator.kinematics import frames
 from planners.excavator.machine import EXCAVATOR, Excavator
+from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
 JOINTS = slice(1, 4)

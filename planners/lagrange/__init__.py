@@ -5,7 +5,7 @@ Lagrange Interpolation Method".
 
 - ``variant="optimal"`` (:mod:`planners.lagrange.optimal`), the default: from start to target exactly, least torque
   within every limit, checked on a dense grid.
-- ``variant="via"`` (:mod:`planners.lagrange.via`): past moving obstacles, as soon as possible, by via-nodes.
+- ``variant="via"`` (:mod:`planners.lagrange.via.planner`): past moving obstacles, as soon as possible, by via-nodes.
 - ``variant="paper"`` (:mod:`planners.lagrange.paper`): the grid searches of the paper.
 """
 
@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from planners.lagrange.optimal import plan_optimal
 from planners.lagrange.paper import plan_paper
-from planners.lagrange.via import plan_via
+from planners.lagrange.via.planner import plan_via
 from planners.problem import MotionProblem, Trajectory
 from planners.variants import plan_variant
 

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import BPoly
 
-from planners.arm import Arm, JointLimits
 from planners.lagrange.interior_point import Solution, solve
 from planners.lagrange.newton import Task
 from planners.lagrange.transcription import Basis, Ends, Transcription, fit, motion, transcribe
+from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
 Objective = Literal["PI1", "PI2"]

@@ -313,8 +313,8 @@ def least_torque(
 ) -> NDArray[np.int64]:
     """The combination of one curve for each joint that has the least PI, by trying them all.
 
-    The torques are those of :mod:`planners.dynamics` with a link's direction as a complex number z = exp(i phi), which
-    needs no sines: the moment on link i is ``Im(conj(z_i) (sum_j a_ij z_j'' + i weight_i))``.
+    The torques are those of :mod:`planners.robot.dynamics` with a link's direction as a complex number z = exp(i
+    phi), which needs no sines: the moment on link i is ``Im(conj(z_i) (sum_j a_ij z_j'' + i weight_i))``.
 
     Args:
         coupling, weight: the arm's chain constants.

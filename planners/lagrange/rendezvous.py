@@ -1,7 +1,7 @@
 """Where and when the hand may join a moving target: rides along its line, and the moves that lead onto them.
 
 The line, what riding along it demands of the joints, and when it may be ridden are those of DPCT
-(:mod:`planners.dpct.line`, :mod:`planners.dpct.feasibility`); the way there is free in joint space.
+(:mod:`planners.motion.line`, :mod:`planners.motion.rides`); the way there is free in joint space.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.dpct.feasibility import Window, joint_motion, ride_windows
-from planners.dpct.line import Line, reduce_to_line
 from planners.goals import ORIENTATIONS, Elbow, on_branch
-from planners.kinematics import UnreachableTarget, wrap
 from planners.lagrange.joint_move import JointMove
 from planners.lagrange.search import reaches
 from planners.lagrange.transcription import Ends
+from planners.motion.line import Line, reduce_to_line
+from planners.motion.rides import Window, joint_motion, ride_windows
 from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.robot.kinematics import UnreachableTarget, wrap
 from planners.typing import Array
 
 LOOKED_AT = 81

@@ -1,6 +1,7 @@
 """Inverse dynamics of a planar chain with its first and second derivatives, in absolute link angles.
 
-With link angles ``phi``, their rates ``w`` and accelerations ``a`` (see :mod:`planners.dynamics`) link i takes a moment
+With link angles ``phi``, their rates ``w`` and accelerations ``a`` (see :mod:`planners.robot.dynamics`) link i takes
+a moment
 
     T_i = sum_j c_ij (cos(phi_i - phi_j) a_j + sin(phi_i - phi_j) w_j^2) + g_i cos(phi_i)
 

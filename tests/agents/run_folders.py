@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from agents.training.config import TrainingConfig
+from agents.training.recipe import TrainingConfig
 
 CONVEYOR = "ConveyorTrack-v0"
 EXPERT = {"expert": "dpct", "expert_success": 1.0, "expert_return": 1.3, "expert_settling_time": 1.06}

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.agent import FORMAT, describe_layout, layout_of, shipped_agents
-from agents.training.config import EVALUATION_SEED, TrainingConfig
+from agents.policies.agent import FORMAT, describe_layout, layout_of, shipped_agents
+from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
 ENV = "ConveyorTrack-v0"
 

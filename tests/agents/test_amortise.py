@@ -16,7 +16,7 @@ pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"
 import torch
 
 from agents.training.amortise import MoveCost
-from agents.training.config import TrainingConfig
+from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
 from agents.training.vec_env import LanesVecEnv
 from agents.training.whole_episodes import WholeEpisodes

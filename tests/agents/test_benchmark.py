@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import agents
-from agents import benchmark, dodge_bound
-from agents.benchmark import BenchmarkOptions, run
+from agents.commands import benchmark
+from agents.commands.benchmark import BenchmarkOptions, run
 from planners import dpct
+from tools import dodge_bound
 
 SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random")}
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from agents import rollout
 from agents.cli import COMMANDS, main
+from agents.commands import rollout
 
 
 def test_help_is_quick_because_it_imports_nothing() -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agents.comparison import as_documents, compare, compare_all, print_comparison
-from agents.evaluation import Evaluation, Timing
-from agents.experiment import BenchmarkTask
-from agents.leaderboard import TaskResult
-from agents.statistics import Estimate
+from agents.evaluation.compare import as_documents, compare, compare_all, print_comparison
+from agents.evaluation.evaluate import Evaluation, Timing
+from agents.evaluation.leaderboard import TaskResult
+from agents.evaluation.statistics import Estimate
+from agents.yaml_config import BenchmarkTask
 
 INF = math.inf
 

@@ -13,13 +13,13 @@ import tyro
 import yaml
 
 import envs  # noqa: F401
-from agents import configs_page
-from agents.benchmark import BenchmarkOptions
-from agents.configs_page import PAGE, descriptions, documented, table, updated
-from agents.evaluation import known_env_ids
-from agents.experiment import shipped_experiments
-from agents.training.command import TrainOptions
+from agents.commands.benchmark import BenchmarkOptions
+from agents.commands.train import TrainOptions
+from agents.evaluation.evaluate import known_env_ids
+from agents.yaml_config import shipped_experiments
 from envs.settings import Settings
+from tools import config_tables as configs_page
+from tools.config_tables import PAGE, descriptions, documented, table, updated
 
 TEXT = PAGE.read_text()
 COMMANDS = [
@@ -54,7 +54,7 @@ def test_every_key_is_there_with_its_default(name: str) -> None:
 
 
 def test_the_page_is_what_its_command_writes() -> None:
-    assert updated(TEXT) == TEXT, "run python -m agents.configs_page"
+    assert updated(TEXT) == TEXT, "run python -m tools.config_tables"
 
 
 @pytest.mark.parametrize("env_id", known_env_ids())

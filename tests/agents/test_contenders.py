@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.contenders import Contender, find_contender
-from agents.forecasting import load_forecaster, save_forecaster
+from agents.policies.forecasting import load_forecaster, save_forecaster
+from agents.policies.lookup import Contender, find_contender
 
 ENV = "ConveyorTrack-v0"
 

@@ -12,9 +12,9 @@ from PIL import Image
 from run_folders import CONVEYOR, make_run
 
 from agents.cli import main
-from agents.curves import chosen_metrics
-from agents.curves_figure import draw_curves, median_curve
-from agents.learning_curves import Curve, differing, grouped, read_curve
+from agents.commands.curves import chosen_metrics
+from agents.figures.curves import draw_curves, median_curve
+from agents.training.learning_curves import Curve, differing, grouped, read_curve
 
 NEVER = float("inf")
 WARM_START = {"expert": "apf", "episodes": 8}

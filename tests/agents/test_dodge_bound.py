@@ -11,9 +11,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import dodge_bound
-from agents.dodge_bound import ENV_ID, FILE, DodgeBoundOptions, main, stored_bound
 from envs.experts.planning import PlanningExpert
+from envs.obstacle_dodge import bound as dodge_bound
+from envs.obstacle_dodge.bound import ENV_ID, FILE, stored_bound
+from tools.dodge_bound import DodgeBoundOptions, fingerprint, main
 
 QUICK = [1, 4, 5, 6]
 """Seeds that take little time."""
@@ -26,7 +27,7 @@ def env() -> Any:
 
 def test_it_is_of_todays_episodes() -> None:
     stored = dodge_bound.load()
-    assert stored.recipe["episodes"] == dodge_bound.fingerprint()
+    assert stored.recipe["episodes"] == fingerprint()
     assert {name: stored.recipe[name] for name in dodge_bound.SETTINGS} == dodge_bound.SETTINGS
     assert len(stored.verdicts) == len(stored.time_to_goal) == len(stored.lower_bound) == 1000
     assert FILE.stat().st_size < 60_000

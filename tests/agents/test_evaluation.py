@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import agents
 import envs
-from agents.evaluation import Evaluation, Policy, known_env_ids
+from agents.evaluation.evaluate import Evaluation, Policy, known_env_ids
 
 ENV_ID = "ConveyorTrack-v0"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.benchmark import BenchmarkOptions
-from agents.experiment import BenchmarkConfig, load_experiment, shipped_experiments
+from agents.commands.benchmark import BenchmarkOptions
+from agents.yaml_config import BenchmarkConfig, load_experiment, shipped_experiments
 
 GOOD = "episodes: 3\nbound_episodes: 1\npolicies: [follower]\ntasks:\n  - env: ConveyorTrack-v0\n"
 

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import envs  # noqa: F401  # registers the ids
-from agents.forecasting.features import FEATURES, disc_features
-from agents.forecasting.futures import going_on
-from agents.forecasting.policy import aimed_move
-from agents.forecasting.track import MOVE, PERIOD, RESTLESS, follow_disc, new_tracks
-from envs.obstacle_path import LAG, PATH_STEP
+from agents.policies.forecasting.features import FEATURES, disc_features
+from agents.policies.forecasting.futures import going_on
+from agents.policies.forecasting.policy import aimed_move
+from agents.policies.forecasting.track import MOVE, PERIOD, RESTLESS, follow_disc, new_tracks
+from envs.obstacle_dodge.paths import LAG, PATH_STEP
 from planners import SCARA_50CM
 from planners.typing import Array
 

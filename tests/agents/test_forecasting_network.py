@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import agents.forecasting
-from agents.forecasting import Forecaster, load_forecaster, save_forecaster
-from agents.forecasting.features import FEATURES, disc_features
-from agents.forecasting.forecaster import describe_network, is_forecaster
-from agents.forecasting.futures import KNOT_STEPS, KNOTS, OUTPUTS, PATHS, SPREAD, expect, going_on, knot_table
-from agents.forecasting.policy import aimed_move
-from agents.forecasting.track import follow_disc, new_tracks
-from envs.obstacle_path import FARTHEST, NEAREST, PATH_STEP
+import agents.policies.forecasting
+from agents.policies.forecasting import Forecaster, load_forecaster, save_forecaster
+from agents.policies.forecasting.features import FEATURES, disc_features
+from agents.policies.forecasting.forecaster import describe_network, is_forecaster
+from agents.policies.forecasting.futures import KNOT_STEPS, KNOTS, OUTPUTS, PATHS, SPREAD, expect, going_on, knot_table
+from agents.policies.forecasting.policy import aimed_move
+from agents.policies.forecasting.track import follow_disc, new_tracks
+from envs.obstacle_dodge.paths import FARTHEST, NEAREST, PATH_STEP
 from planners import SCARA_50CM
 from planners.apf.safety import STEP
 from planners.typing import Array
@@ -201,7 +201,7 @@ def test_the_shipped_forecaster_is_small_and_fits_its_document() -> None:
         assert shipped.tensors[f"weight{layer}"].shape == (sizes[layer + 1], sizes[layer])
         assert shipped.tensors[f"bias{layer}"].shape == (sizes[layer + 1],)
     assert (shipped.tensors["spread"] > 0.0).all()
-    folder = Path(agents.forecasting.__file__).parent / "trained"
+    folder = Path(agents.policies.forecasting.__file__).parent / "trained"
     assert (folder / "ObstacleDodge-v0.safetensors").stat().st_size < 300_000
     errors = shipped.document["training"]["errors"]
     assert errors["best"] < errors["likeliest"] < 0.6 * errors["going_on"]

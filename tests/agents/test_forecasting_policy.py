@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from agents import Evaluation, evaluate
-from agents.forecasting import ForecastingDodger, load_forecaster
-from agents.forecasting.futures import PATHS, expect, going_on, knot_table
-from agents.forecasting.policy import Memory, aimed_move
-from agents.forecasting.track import follow_disc, new_tracks
-from envs.obstacle_path import PATH_STEP
+from agents.policies.forecasting import ForecastingDodger, load_forecaster
+from agents.policies.forecasting.futures import PATHS, expect, going_on, knot_table
+from agents.policies.forecasting.policy import Memory, aimed_move
+from agents.policies.forecasting.track import follow_disc, new_tracks
+from envs.obstacle_dodge.paths import PATH_STEP
 from planners.apf.safety import STEP
 from planners.typing import Array
 

@@ -12,17 +12,17 @@ pytest.importorskip("torch", reason='needs pip install "planarm[rl]"')
 
 import torch
 
-from agents.forecasting import Forecaster, load_forecaster, save_forecaster
-from agents.forecasting.command import ForecasterOptions, run
-from agents.forecasting.config import ForecastConfig
-from agents.forecasting.features import FEATURES, disc_features
-from agents.forecasting.futures import KNOT_STEPS, KNOTS, PATHS, expect, going_on, knot_table
-from agents.forecasting.policy import aimed_move
-from agents.forecasting.track import follow_disc, new_tracks
-from agents.forecasting.training import Mixture, Samples, distances, draw_samples, fit, judge, surprise
-from envs.obstacle_path import FARTHEST, NEAREST, PATH_STEP
+from agents.policies.forecasting import Forecaster, load_forecaster, save_forecaster
+from agents.policies.forecasting.features import FEATURES, disc_features
+from agents.policies.forecasting.futures import KNOT_STEPS, KNOTS, PATHS, expect, going_on, knot_table
+from agents.policies.forecasting.policy import aimed_move
+from agents.policies.forecasting.track import follow_disc, new_tracks
+from envs.obstacle_dodge.paths import FARTHEST, NEAREST, PATH_STEP
 from planners import SCARA_50CM
 from planners.apf.safety import STEP
+from tools.forecaster.command import ForecasterOptions, run
+from tools.forecaster.config import ForecastConfig
+from tools.forecaster.training import Mixture, Samples, distances, draw_samples, fit, judge, surprise
 
 ARM = SCARA_50CM
 TINY = ForecastConfig.parse(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agents.evaluation import Evaluation, Timing
-from agents.experiment import BenchmarkTask, Published
-from agents.leaderboard import TaskResult, as_document, print_leaderboard, summary
+from agents.evaluation.evaluate import Evaluation, Timing
+from agents.evaluation.leaderboard import TaskResult, as_document, print_leaderboard, summary
+from agents.yaml_config import BenchmarkTask, Published
 
 
 def evaluation(policy: str, success: list[bool], settling_time: list[float], returns: list[float]) -> Evaluation:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.cli import COMMANDS
-from agents.paper_apf import (
+from agents.papers.apf.command import (
     DISTANCES,
     GOAL,
     SCENES,
@@ -23,7 +23,7 @@ from agents.paper_apf import (
     run,
     scene_rows,
 )
-from agents.paper_apf_facts import facts, stable_distance
+from agents.papers.apf.facts import facts, stable_distance
 from planners.apf.hand_field import make_field
 from planners.apf.khatib import wall_slope
 
@@ -32,7 +32,7 @@ from planners.apf.khatib import wall_slope
 def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.paper_apf.RANDOM_PROBLEMS", 200)
+        patch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 200)
         run(PaperApfOptions(json=path))
     assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
     content: dict[str, Any] = json.loads(path.read_text())
@@ -42,7 +42,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """One random move."""
-    monkeypatch.setattr("agents.paper_apf.RANDOM_PROBLEMS", 1)
+    monkeypatch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 1)
 
 
 def test_the_command_is_there() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.paper_dpct import (
+from agents.papers.dpct import (
     CASES,
     GRIDS,
     HEADWAYS,
@@ -79,7 +79,7 @@ def test_tracking_cost_agrees_with_the_planners_own() -> None:
 
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
 def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.paper_dpct.plan_rows", lambda: iter(()))
+    monkeypatch.setattr("agents.papers.dpct.plan_rows", lambda: iter(()))
     path = tmp_path / f"figures{suffix}"
     run(PaperDpctOptions(plot=path, dpi=20))
     assert path.read_bytes().startswith(magic)

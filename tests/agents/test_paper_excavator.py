@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from agents.cli import COMMANDS, main
-from agents.paper_excavator import PaperExcavatorOptions, run
-from agents.paper_excavator_figure import draw
-from agents.paper_excavator_rows import CASES, CONTENDERS, ROUGH_PAYLOADS
+from agents.papers.excavator.command import PaperExcavatorOptions, run
+from agents.papers.excavator.figures import draw
+from agents.papers.excavator.runs import CASES, CONTENDERS, ROUGH_PAYLOADS
 
 QUICK = {"payloads": (0.0, 10.0), "cycles": 1, "rate": 40.0}
 

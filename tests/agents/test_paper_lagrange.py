@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.paper_lagrange import (
+from agents.papers.lagrange import (
     ALGORITHMS,
     MODELS,
     PaperLagrangeOptions,
@@ -41,8 +41,8 @@ def rows() -> tuple[list[PublishedRow], list[PlanRow]]:
 @pytest.fixture
 def searched(rows: tuple[list[PublishedRow], list[PlanRow]], monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches done once, and no moves."""
-    monkeypatch.setattr("agents.paper_lagrange.search_rows", lambda: iter(rows[1]))
-    monkeypatch.setattr("agents.paper_lagrange.move_rows", lambda: iter(()))
+    monkeypatch.setattr("agents.papers.lagrange.search_rows", lambda: iter(rows[1]))
+    monkeypatch.setattr("agents.papers.lagrange.move_rows", lambda: iter(()))
 
 
 def test_every_table_is_complete(document: dict[str, Any]) -> None:

@@ -12,10 +12,10 @@ from PIL import Image
 
 import agents
 from agents import cli
-from agents.contenders import find_contender
-from agents.course import STORIES, run_course
-from agents.evaluation import known_env_ids
-from agents.paths import PathsOptions, run
+from agents.commands.paths import PathsOptions, run
+from agents.evaluation.evaluate import known_env_ids
+from agents.figures.episode_record import STORIES, run_course
+from agents.policies.lookup import find_contender
 
 POLICIES = ("follower", "dpct")
 DODGE = "ObstacleDodge-v0"
@@ -97,13 +97,13 @@ def test_the_paper_start_as_a_vector_drawing(tmp_path: Path, capsys: pytest.Capt
 def test_what_is_wrong_is_said_before_anything_runs(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], complaint: str
 ) -> None:
-    monkeypatch.setattr("agents.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    monkeypatch.setattr("agents.commands.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
     with pytest.raises(ValueError, match=complaint):
         run(PathsOptions(**{"env": DODGE, **options}))
 
 
 def test_missing_matplotlib_is_said_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    monkeypatch.setattr("agents.commands.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
         run(PathsOptions(env=DODGE, plot=Path("paths.png")))

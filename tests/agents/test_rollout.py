@@ -13,8 +13,8 @@ from gymnasium.error import DependencyNotInstalled
 from PIL import Image
 
 import agents
-from agents.recording import Film
-from agents.rollout import RolloutOptions, play, run
+from agents.commands.rollout import RolloutOptions, play, run
+from agents.figures.film import Film
 
 ENV_ID = "ConveyorTrack-v0"
 

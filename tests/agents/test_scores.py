@@ -12,10 +12,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import scores
-from agents.contenders import find_contender
-from agents.evaluation import Policy, as_policy
-from agents.scores import FILE, ScoresOptions, differences, entrants, load, main, score, score_policy
+from agents.evaluation.evaluate import Policy, as_policy
+from agents.policies.lookup import find_contender
+from tools import stored_scores as scores
+from tools.stored_scores import FILE, ScoresOptions, differences, entrants, load, main, score, score_policy
 
 Change = Callable[[Any], Any]
 STORED = load()

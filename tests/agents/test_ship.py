@@ -1,4 +1,4 @@
-"""`python -m agents.ship`: which agent is chosen, what its JSON says, and what is refused."""
+"""`python -m tools.release_agent`: which agent is chosen, what its JSON says, and what is refused."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from run_folders import CONVEYOR, config, make_run
 
-from agents.agent import FORMAT, Agent, describe_layout, layout_of, load_agent, save_agent
-from agents.evaluation import Evaluation, Timing, evaluate
-from agents.learning_curves import read_curve
-from agents.ship import TRAINED, Candidate, Scores, ShipOptions, choose, main, spread, summary
-from agents.statistics import Estimate
+from agents.evaluation.evaluate import Evaluation, Timing, evaluate
+from agents.evaluation.statistics import Estimate
+from agents.policies.agent import FORMAT, Agent, describe_layout, layout_of, load_agent, save_agent
+from agents.training.learning_curves import read_curve
+from tools.release_agent import TRAINED, Candidate, Scores, ShipOptions, choose, main, spread, summary
 
 SETTINGS = {"control_mode": "jerk", "limit_penalty": 0.5}
 """Of the training: the meaning of actions, and a reward that is not the environment's own."""
@@ -190,7 +190,7 @@ def test_no_episodes_are_refused(runs: tuple[Path, ...], tmp_path: Path) -> None
 
 
 def test_the_command_says_what_is_wrong_in_a_line(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "agents.ship", str(tmp_path / "none")]
+    command = [sys.executable, "-m", "tools.release_agent", str(tmp_path / "none")]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 1
     assert result.stderr.startswith("ship: cannot read")

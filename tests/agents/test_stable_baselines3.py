@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import envs
-from agents.configs_page import documented
-from agents.evaluation import known_env_ids
+from agents.evaluation.evaluate import known_env_ids
 from envs.experts import expert_names
+from tools.config_tables import documented
 
 pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import statistics
+from agents.evaluation import statistics
 
 Z = 1.959963984540054  # 97.5 % quantile of the normal distribution
 

@@ -23,15 +23,15 @@ pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"
 import torch
 
 from agents import Agent, evaluate, load_agent
-from agents.agent import FORMAT
 from agents.cli import main
-from agents.experiment import load_experiment, shipped_experiments
-from agents.training.config import TrainingConfig
+from agents.policies.agent import FORMAT
 from agents.training.ppo import SegmentedPPO, agent_tensors
+from agents.training.recipe import TrainingConfig
 from agents.training.run import TRAINING_SEEDS, TrainingRun, Watcher, _lane_seed
 from agents.training.vec_env import LanesVecEnv
 from agents.training.warm_start import clone_expert, collect, returns_to_go
-from envs.conveyor_track import LAYOUT
+from agents.yaml_config import load_experiment, shipped_experiments
+from envs.conveyor_track.env import LAYOUT
 
 SMALL: dict[str, Any] = {
     "env": "ConveyorTrack-v0",
@@ -120,7 +120,7 @@ def same_run(one: Path, other: Path) -> bool:
 def start() -> Callable[[Path], Any]:
     """Begins to go on with a run in a process of its own, which need not import everything again."""
     processes = multiprocessing.get_context("forkserver")
-    processes.set_forkserver_preload(["agents.training.run", "agents.training.command"])
+    processes.set_forkserver_preload(["agents.training.run", "agents.commands.train"])
 
     def resume(folder: Path) -> Any:
         process = processes.Process(target=main, args=(["train", "--resume", str(folder)],))

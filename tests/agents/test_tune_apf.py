@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.tune_apf import FIRST_SEED, SPREAD, Search, TuneOptions, main, run_field, score
 from planners.apf.dodge_gains import DodgeGains, tuned_gains
+from tools.tune_apf import FIRST_SEED, SPREAD, Search, TuneOptions, main, run_field, score
 
 
 def test_a_candidate_stays_within_a_factor_of_the_start_and_keeps_what_is_known() -> None:
@@ -33,7 +33,7 @@ def test_the_score_counts_collisions_more_than_lateness() -> None:
 def test_a_search_stores_gains_that_load_and_how_they_were_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agents.tune_apf.tuned_gains", lambda: DodgeGains(horizon=0.3, nearest=0.32, farthest=1.3))
+    monkeypatch.setattr("tools.tune_apf.tuned_gains", lambda: DodgeGains(horizon=0.3, nearest=0.32, farthest=1.3))
     out = tmp_path / "gains.json"
     main(TuneOptions(seeds=60, generations=1, population=6, confirm=60, out=out))
     stored = json.loads(out.read_text())

@@ -13,7 +13,7 @@ from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordLaneStatistics
 
 import envs
-from agents.evaluation import known_env_ids
+from agents.evaluation.evaluate import known_env_ids
 from envs.experts import expert_names
 
 every_expert = pytest.mark.parametrize(

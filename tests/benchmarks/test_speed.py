@@ -21,7 +21,8 @@ from numba import njit
 from pytest_benchmark.fixture import BenchmarkFixture
 
 import envs  # noqa: F401  (registers the ids)
-from envs import chipmunk, make_expert
+from envs import make_expert
+from envs.physics import chipmunk
 from planners.apf import dodge_accelerations, tuned_gains
 from planners.typing import Array
 

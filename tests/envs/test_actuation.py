@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import envs  # noqa: F401  (registers the ids)
-from envs.actuation import LIMIT_KINDS
+from envs.physics.actuation import LIMIT_KINDS
 from planners import SCARA_1M
-from planners.smoothness import smooth_bounds
+from planners.control.joint_limits import smooth_bounds
 
 PERIOD = 0.02
 
@@ -117,7 +117,7 @@ def test_full_jerk_ends_at_the_speed_limit_and_not_beyond(speed: float, accelera
 
 
 def test_a_mode_without_its_limit_is_refused() -> None:
-    from envs.actuation import actuation_model_fields, fill_actuation
+    from envs.physics.actuation import actuation_model_fields, fill_actuation
     from planners import PLANAR_3R
 
     model = np.zeros(1, np.dtype(actuation_model_fields(3)))

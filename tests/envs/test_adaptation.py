@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import envs
-from agents.evaluation import Evaluation, evaluate
+from agents.evaluation.evaluate import Evaluation, evaluate
 from envs.experts import ADAPTIVE, EXPERTS, is_expert
-from envs.experts.adaptation import Knowledge
+from envs.experts.payload_estimation import Knowledge
 
 TASKS = ("ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0")
 PLANNED = ("dpct", "lagrange", "apf", "follower")

@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_match import check_environments_match
 
 import envs
-from envs.actuation import CONTROL_MODES
 from envs.experts import expert_names
+from envs.physics.actuation import CONTROL_MODES
 
 MODES: dict[str, tuple[str, ...]] = {
     "ConveyorTrack-v0": CONTROL_MODES,

@@ -13,8 +13,8 @@ import pytest
 import scipy.stats
 
 import envs
-from envs.conveyor_starts import AXES, Demands, Start, problem_of, why_unsolvable
-from envs.conveyor_track import LAYOUT
+from envs.conveyor_track.env import LAYOUT
+from envs.conveyor_track.starts import AXES, Demands, Start, problem_of, why_unsolvable
 from envs.experts import PlanningExpert
 from planners import SCARA_1M, Infeasible, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import envs  # noqa: F401  (registers the ids)
-from envs.excavator_reference import HIGHEST, LOWEST, draw_reference, numbers_needed
+from envs.excavator_payload.reference import HIGHEST, LOWEST, draw_reference, numbers_needed
 from planners.excavator import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE, Cycle
 from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload

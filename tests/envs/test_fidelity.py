@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs import fidelity
-from envs.fidelity import SimulatedArm
 from planners import SCARA_1M
+from tools import physics_fidelity as fidelity
+from tools.physics_fidelity import SimulatedArm
 
 
 def test_two_link_arm_follows_the_lagrange_euler_equations() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import envs
 from envs.experts import PlanningExpert
-from envs.min_torque_move import LAYOUT
+from envs.min_torque_move.env import LAYOUT
 from planners import FixedJoints, MotionProblem, Trajectory, dpct, lagrange, quintic
 
 ENV_ID = "MinTorqueMove-v0"

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import agents
 import envs  # noqa: F401  (registers the ids)
-from envs.obstacle_path import PATH_STEP
+from envs.obstacle_dodge.paths import PATH_STEP
 from planners import SCARA_50CM, FixedHand
 
 ENV = "ObstacleDodge-v0"

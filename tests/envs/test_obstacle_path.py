@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.obstacle_path import (
+from envs.obstacle_dodge.paths import (
     FARTHEST,
     FASTEST,
     KINDS,

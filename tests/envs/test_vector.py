@@ -134,7 +134,7 @@ def test_rendering_gives_a_frame_a_lane() -> None:
     ("arguments", "complaint"), [({"num_envs": 0}, "at least 1"), ({"render_mode": "human"}, "rgb")]
 )
 def test_bad_arguments(arguments: dict[str, Any], complaint: str) -> None:
-    from envs.conveyor_track import ConveyorTrackVectorEnv
+    from envs.conveyor_track.env import ConveyorTrackVectorEnv
 
     with pytest.raises(ValueError, match=complaint):
         ConveyorTrackVectorEnv(**arguments)

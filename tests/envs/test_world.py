@@ -3,8 +3,8 @@ import pymunk
 import pytest
 from numba import njit
 
-from envs import chipmunk
-from envs.world import substeps_per_period
+from envs.physics import chipmunk
+from envs.physics.world import substeps_per_period
 
 set_position, set_velocity = chipmunk.body_set_position, chipmunk.body_set_velocity
 get_position, get_velocity = chipmunk.body_get_position, chipmunk.body_get_velocity
@@ -51,8 +51,8 @@ def test_spaces_are_freed_quietly_at_exit() -> None:
 
 def test_angles_are_read_half_a_step_ahead() -> None:
     # A free link keeps its speed, so its angle must be exactly linear in time.
-    from envs.fidelity import CONTROL_PERIOD, SimulatedArm
     from planners import Arm, JointLimits
+    from tools.physics_fidelity import CONTROL_PERIOD, SimulatedArm
 
     wheel = Arm("wheel", (1.0,), (1.0,), JointLimits(torque=(1.0,)), coms=(0.0,), inertias=(1.0,))
     simulated = SimulatedArm(wheel, 1e-3)

@@ -18,7 +18,7 @@ from planners.apf import whole_arm
 from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
 from planners.apf.dodge_gains import GAINS_FILE
 from planners.apf.safety import make_sight
-from planners.double_integrator import rest_time
+from planners.motion.double_integrator import rest_time
 from planners.typing import Array
 
 ARM = SCARA_50CM

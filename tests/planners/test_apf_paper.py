@@ -15,7 +15,7 @@ from planners import PLANAR_3R, SCARA_50CM, FixedHand, FixedJoints, Infeasible, 
 from planners.apf.hand_field import hand_rates, hand_velocity_lane, joint_rates_lane, make_field
 from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_lane, make_gains, potential, wall, wall_slope
 from planners.apf.paper import follow_field, plan_paper, posture
-from planners.kinematics import wrap
+from planners.robot.kinematics import wrap
 from planners.typing import Array
 
 ARM = SCARA_50CM

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from envs.min_torque_move.moves import random_move, random_moves
 from planners import PLANAR_3R, SCARA_1M, JointLimits, quintic
 from planners.apf.attraction import attraction, braking_distance, linear_field
 from planners.apf.joint_field import least_acceleration, reach
 from planners.apf.moving_target import approach
-from planners.lagrange.moves import random_move, random_moves
-from planners.smoothness import smooth_bounds
+from planners.control.joint_limits import smooth_bounds
 from planners.typing import Array
 
 PERIOD = 0.02

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from planners.double_integrator import BRAKE, CRUISE, RISE, along_profile, entry_time, fill_profile, rest_time
+from planners.motion.double_integrator import BRAKE, CRUISE, RISE, along_profile, entry_time, fill_profile, rest_time
 from planners.typing import Array
 
 TOP, A = 2.4, 4.5

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from envs.min_torque_move.moves import random_moves
 from planners import (
     PLANAR_3R,
     SCARA_1M,
@@ -24,7 +25,6 @@ from planners import (
     dpct,
     quintic,
 )
-from planners.lagrange.moves import random_moves
 from planners.typing import Array
 
 UPRIGHT = replace(PLANAR_3R, gravity=9.81, limits=replace(PLANAR_3R.limits, torque=(40.0, 20.0, 10.0)))

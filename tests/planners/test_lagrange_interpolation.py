@@ -12,7 +12,6 @@ from scipy.interpolate import BarycentricInterpolator
 
 from planners import PLANAR_3R, SCARA_1M, Arm
 from planners.lagrange.banded import factorise, substitute
-from planners.lagrange.equations import derive
 from planners.lagrange.interpolation import (
     differentiation_matrices,
     evaluation_matrix,
@@ -24,6 +23,7 @@ from planners.lagrange.newton import Task, index, look_at, newton_model
 from planners.lagrange.torque_derivatives import add_torque_curvature_lane, torque_jacobian_lane, torques_lane
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
+from tools.lagrange_equations import derive
 
 VERTICAL = replace(PLANAR_3R, gravity=9.81)
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from envs.min_torque_move.moves import LEAST_SHARE, MOST_SHARE, SHORTEST, random_move, random_moves
 from planners import (
     PLANAR_3R,
     SCARA_1M,
@@ -23,9 +24,8 @@ from planners import (
     lagrange,
     quintic,
 )
-from planners.lagrange.best_known import SEED, Collocation, load
-from planners.lagrange.moves import LEAST_SHARE, MOST_SHARE, SHORTEST, random_move, random_moves
 from planners.typing import Array
+from tools.best_known_torque import SEED, Collocation, load
 
 VERTICAL = replace(PLANAR_3R, gravity=9.81)
 HAND = np.array([-0.8, 1.732])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_1M, Arm, Infeasible, JointLimits
-from planners.path import SINGULAR_SINE, HandLine, JointLine, look_up, tabulate
+from planners.motion.path import SINGULAR_SINE, HandLine, JointLine, look_up, tabulate
 from planners.typing import Array
 
 ANGLES = st.floats(-np.pi, np.pi)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM, UnreachableTarget
-from planners.spacetime import Answer, search
+from planners.motion.spacetime import Answer, search
 from planners.typing import Array
 
 STEP, HORIZON, RADIUS, TOLERANCE, HOLD = 0.01, 8.0, 0.1, 0.03, 0.5

@@ -1,0 +1,91 @@
+"""`planarm evaluate`: one policy on one task, alone or beside others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from agents.commands.benchmark import Benchmark, run_and_print
+from agents.evaluation.evaluate import known_env_ids
+from agents.policies.agent import load_agent
+from agents.policies.lookup import SHIPPED, find_contender
+from agents.yaml_config import BenchmarkConfig, assigned
+from envs.experts import is_expert
+from envs.settings import refuse_unknown
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """Score a policy: an expert, an agent that was trained here, or a model of Stable-Baselines3.
+
+    The same seed begins the same episode for every policy, so that --against compares in pairs.
+
+    For example:
+
+        $ planarm evaluate apf --env ObstacleDodge-v0 --episodes 1000
+        $ planarm evaluate runs/mine --against dpct apf
+        $ planarm evaluate dpct+adaptive --env ConveyorTrack-v0 --against dpct --settings payload=0.3
+        $ planarm evaluate model.zip --env ConveyorTrack-v0 --settings control_mode=jerk --allow-code
+    """
+
+    policy: tyro.conf.Positional[str]
+    """Name of an expert, +adaptive behind it if it is to weigh the payload; agent for the one that comes with planarm,
+    forecaster for that of ObstacleDodge-v0; or the path of a run, an agent or a .zip."""
+    env: str | None = None
+    """Id of the environment; can be left out for what was trained here, which knows."""
+    episodes: int = 100
+    """How many."""
+    seed: int = 0
+    """Seed of the first episode; the next episode has the next."""
+    against: tuple[str, ...] = ()
+    """Policies to compare with, on the same episodes."""
+    settings: tuple[str, ...] = ()
+    """key=value for each setting of the environment that is not to have its default."""
+    lanes: int = 256
+    """Episodes that run at once."""
+    json: Path | None = None
+    """Write every episode, with versions and seeds, to this file."""
+    allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Load a Stable-Baselines3 .zip although any code that is in it is run."""
+
+    def resolve(self) -> Benchmark:
+        """The evaluation as a benchmark of one task.
+
+        Raises:
+            ValueError: for an unknown policy, environment, setting or value.
+        """
+        env_id = self._env_id()
+        task = {"env": env_id, "env_config": assigned({}, self.settings)}
+        config = BenchmarkConfig.parse(
+            {
+                "episodes": self.episodes,
+                "bound_episodes": 0,
+                "seed": self.seed,
+                "lanes": self.lanes,
+                "policies": tuple(dict.fromkeys((self.policy, *self.against))),
+                "tasks": [task],
+            },
+            "evaluation setting",
+        )
+        name = find_contender(self.policy, env_id, allow_code=self.allow_code).name
+        return Benchmark(config, compared=(name,), allow_code=self.allow_code)
+
+    def _env_id(self) -> str:
+        if self.env is not None:
+            refuse_unknown([self.env], known_env_ids(), "environment")
+            return self.env
+        if is_expert(self.policy) or self.policy == SHIPPED or self.policy.endswith(".zip"):
+            raise ValueError(f"on which environment? Give --env, one of {', '.join(known_env_ids())}")
+        return load_agent(self.policy).env_id
+
+
+def run(options: EvaluateOptions) -> int:
+    """Evaluate and print; the exit code.
+
+    Raises:
+        ValueError: for anything unknown or impossible, before the first episode.
+    """
+    return run_and_print(options.resolve(), options.json)

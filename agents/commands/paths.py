@@ -1,0 +1,100 @@
+"""`planarm paths`: the ways that several policies take from one start, side by side, as a table and a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich import box
+from rich.table import Table
+
+from agents.evaluation.leaderboard import METRICS
+from agents.figures.episode_record import STORIES, Course, run_course
+from agents.figures.paths import draw_courses, picture_bytes
+from agents.files import write_bytes
+from agents.papers.report import new_sheet, report_console
+from agents.policies.lookup import find_contender
+from envs.settings import refuse_unknown
+
+FORMATS = (".png", ".svg", ".pdf")
+"""File formats of pictures."""
+
+
+@dataclass(frozen=True)
+class PathsOptions:
+    """Run one episode of each policy from the same start; say and draw what became of it.
+
+    The pictures of the README:
+
+        $ planarm paths ConveyorTrack-v0 --seed 0 --plot docs/paths_conveyor_track.png
+        $ planarm paths MinTorqueMove-v0 --policies follower dpct lagrange apf --seed 18 \
+--plot docs/paths_min_torque_move.png
+        $ planarm paths ObstacleDodge-v0 --policies follower dpct lagrange apf --seed 29 \
+--plot docs/paths_obstacle_dodge.png
+        $ planarm paths ExcavatorPayload-v0 --policies computed_torque lagrange adaptive agent --seed 12 \
+--plot docs/paths_excavator_payload.png
+    """
+
+    env: tyro.conf.Positional[str]
+    """Id of the environment, such as ObstacleDodge-v0."""
+    policies: tuple[str, ...] = ("dpct", "lagrange", "apf")
+    """Names of experts, agent for the one that comes with planarm, or paths of runs; at most 4."""
+    seed: int = 0
+    """Seed of the episodes' start."""
+    scenario: Literal["random", "paper"] = "random"
+    """Draw the start, or take the paper's."""
+    plot: Path | None = None
+    """Draw the picture to this file: .png, .svg or .pdf."""
+    dpi: int = 150
+    """Resolution of the picture, which is 10 inches wide, dots per inch."""
+
+
+def run(options: PathsOptions) -> int:
+    """Run the episodes; the exit code.
+
+    Raises:
+        ValueError: for an unknown environment, policy or file format, or a bad number, before anything runs.
+        ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
+    """
+    _check(options)
+    contenders = [find_contender(name, options.env) for name in options.policies]
+    scenario = {"scenario": options.scenario}
+    courses = [run_course(options.env, contender, options.seed, scenario) for contender in contenders]
+    console = report_console()
+    start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
+    console.print(outcome_table(start, courses))
+    if options.plot is not None:
+        sheet = draw_courses(courses, start)
+        write_bytes(options.plot, picture_bytes(sheet, options.plot.suffix.lower().removeprefix("."), options.dpi))
+        console.print(f"wrote {options.plot}")
+    return 0
+
+
+def outcome_table(title: str, courses: Sequence[Course]) -> Table:
+    """What became of each policy, with the numbers of the leaderboard."""
+    table = Table("policy", "outcome", title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    metrics = [metric for metric in METRICS[courses[0].env_id] if metric.key != "collision"]
+    for heading in (*(metric.title for metric in metrics), "limit ratio", "return"):
+        table.add_column(heading, justify="right")
+    for course in courses:
+        numbers = [f"{metric.factor * course.info[metric.key]:.6g}" for metric in metrics]
+        outcome = course.outcome.replace("\n", " ")
+        last = (f"{course.info[key]:.6g}" for key in ("limit_ratio", "return"))
+        table.add_row(course.policy, outcome, *numbers, *last)
+    return table
+
+
+def _check(options: PathsOptions) -> None:
+    refuse_unknown([options.env], STORIES, "environment")
+    if not 1 <= len(options.policies) <= 4:
+        raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
+    if options.seed < 0:
+        raise ValueError(f"seed {options.seed} must not be negative")
+    if not 40 <= options.dpi <= 600:
+        raise ValueError(f"dpi {options.dpi} must be from 40 to 600")
+    if options.plot is not None:
+        refuse_unknown([options.plot.suffix.lower()], FORMATS, f"file format of {options.plot}:")
+        new_sheet(1.0, 1.0)  # says now, not after the episodes, if matplotlib is missing

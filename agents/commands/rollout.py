@@ -1,0 +1,127 @@
+"""`planarm rollout`: watch or record one episode, and read what became of it."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from agents.evaluation.evaluate import Policy, PolicyMaker, as_policy, known_env_ids
+from agents.figures.film import Film, require_recordable
+from agents.policies.lookup import find_contender
+from agents.yaml_config import assigned
+from envs.settings import refuse_unknown
+
+Info = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RolloutOptions:
+    """Run one episode, show or record it if asked to, and print its info.
+
+    For example:
+
+        $ planarm rollout ConveyorTrack-v0 --policy dpct --render
+        $ planarm rollout ConveyorTrack-v0 --policy follower --seed 7 --control-mode jerk
+        $ planarm rollout ConveyorTrack-v0 --policy agent --scenario paper --record paper.gif
+        $ planarm rollout ConveyorTrack-v0 --policy dpct+adaptive --settings payload=0.3
+    """
+
+    env: tyro.conf.Positional[str]
+    """Id of the environment, such as ConveyorTrack-v0."""
+    policy: str = "dpct"
+    """Name of an expert; agent for the one that comes with planarm, forecaster for that of
+    ObstacleDodge-v0; the path of a run, an agent or a .zip."""
+    seed: int = 0
+    """Seed of the episode's start."""
+    scenario: Literal["random", "paper"] = "random"
+    """Draw the start, or take the paper's."""
+    control_mode: str | None = None
+    """What an action of an expert means, such as torque; by default what it means in the environment."""
+    settings: tuple[str, ...] = ()
+    """key=value for each other setting of the environment that is not to have its default."""
+    render: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Show the episode in a window."""
+    record: Path | None = None
+    """Write the episode to this file: .gif, .mp4, or .png for its last frame."""
+    fps: int = 20
+    """Frames a second in the file; at most the environment's control rate."""
+    width: int = 640
+    """Width of the recorded picture, pixels."""
+    allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Load a Stable-Baselines3 .zip although any code that is in it is run."""
+
+
+def run(options: RolloutOptions) -> int:
+    """Run the episode; the exit code.
+
+    Raises:
+        ValueError: for an unknown environment, policy or file format, before anything runs.
+        gymnasium.error.DependencyNotInstalled: naming the extra that drawing or the file format needs.
+    """
+    refuse_unknown([options.env], known_env_ids(), "environment")
+    if options.seed < 0:
+        raise ValueError(f"seed {options.seed} must not be negative")
+    if options.render and options.record is not None:
+        raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
+    if options.record is not None:
+        require_recordable(options.record, fps=options.fps, width=options.width)
+    contender = find_contender(options.policy, options.env, allow_code=options.allow_code)
+    mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
+    settings = contender.settings({**assigned({}, options.settings), **mode})
+    render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
+    console = Console()
+    with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
+        film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
+        info = play(env, contender.policy, options.seed, {"scenario": options.scenario}, film)
+    console.print(info_table(f"{options.env}, {options.policy}, seed {options.seed}", info))
+    if film is not None and options.record is not None:
+        film.write(options.record)
+        console.print(f"wrote {options.record}")
+    return 0
+
+
+def play(
+    env: gym.Env[Any, Any], policy: Policy | PolicyMaker | str, seed: int, reset_options: Info, film: Film | None = None
+) -> Info:
+    """Run one episode of a policy; the last info, with the return and the length of the episode."""
+    acting = as_policy(policy, env)
+    observation, info = env.reset(seed=seed, options=reset_options)
+    rate = float(env.metadata["render_fps"])
+    state, begins, steps, total, ended = None, np.ones(1, dtype=bool), 0, 0.0, False
+    while not ended:
+        if film is not None:
+            film.take(steps / rate, env.render)
+        actions, state = acting.predict(observation[None], state=state, episode_start=begins, deterministic=True)
+        observation, reward, terminated, truncated, info = env.step(actions[0])
+        begins, steps, total = np.zeros(1, dtype=bool), steps + 1, total + float(reward)
+        ended = terminated or truncated
+    if film is not None:
+        film.take(steps / rate, env.render, last=True)
+    return {"return": total, "length": steps, **info}
+
+
+def info_table(title: str, info: Info) -> Table:
+    """An episode's info, nested entries indented, as a table."""
+    table = Table(title=title, show_header=False, title_justify="left")
+    table.add_column()
+    table.add_column(justify="right")
+    for key, value in info.items():
+        if not isinstance(value, dict):
+            table.add_row(key, _shown(value))
+            continue
+        table.add_row(key, "")
+        for name, inner in value.items():
+            table.add_row(f"  {name}", _shown(inner))
+    return table
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,1 @@
+"""Evaluation: paired episodes, their summary, comparisons, bounds, and the leaderboard."""

@@ -1,0 +1,146 @@
+"""The picture of `planarm curves`: a panel a metric; a thin line a seed, their median, the band between extremes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.papers.report import new_sheet
+from envs.rendering import palette
+from envs.rendering.palette import Color
+from planners.typing import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from agents.evaluation.leaderboard import Metric
+    from agents.training.learning_curves import Curve
+
+WIDTH, HEIGHT = 10.0, 3.5
+"""Of the picture, inches."""
+_COLORS: tuple[Color, ...] = (
+    palette.ACCENT,
+    (205, 105, 20),
+    (122, 78, 178),
+    (22, 130, 96),
+    (160, 90, 60),
+    (200, 60, 120),
+)
+GROUPS_AT_MOST = len(_COLORS)
+"""Groups that a picture has colours for."""
+_WIDE = 20.0
+"""Range of values above which an axis becomes logarithmic beyond 1."""
+_AGAINST = {"seconds": "seconds of training, warm start included", "steps": "control steps after the warm start"}
+
+
+def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric], against: str) -> Figure:
+    """Learning curves of groups of runs, with what the best expert reaches as a dashed line.
+
+    Args:
+        groups: runs by label, one a seed.
+        metrics: a panel each.
+        against: the column of metrics.csv to draw them against: ``seconds`` or ``steps``.
+
+    Raises:
+        ValueError: if there are more groups than can be told apart.
+        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+    """
+    if len(groups) > GROUPS_AT_MOST:
+        raise ValueError(f"{len(groups)} groups; a picture has room for {GROUPS_AT_MOST}: give fewer runs")
+    sheet = new_sheet(WIDTH, HEIGHT)
+    panels = sheet.subplots(1, len(metrics), squeeze=False)[0]
+    everything = [curve for curves in groups.values() for curve in curves]
+    for axes, metric in zip(panels, metrics, strict=True):
+        for (label, curves), color in zip(groups.items(), _COLORS, strict=False):
+            _draw_group(axes, label, curves, metric, against, color)
+        _draw_experts(axes, everything, metric)
+        _finish(axes, metric, against)
+        if any(np.isinf(curve.columns[metric.key]).any() for curve in everything):
+            axes.set_title(f"{metric.title}; gaps: never", fontsize=10)
+    text = f"{everything[0].config.env}. Thin: each seed; thick: their median; shaded: from the least to the greatest."
+    sheet.suptitle(text, fontsize=9)
+    handles, labels = panels[0].get_legend_handles_labels()
+    sheet.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    return sheet
+
+
+def median_curve(curves: Sequence[Curve], key: str, against: str) -> tuple[Array, Array, Array, Array]:
+    """Abscissae, then median, least and greatest over seeds, ``(points,)`` each, as far as every seed has come.
+
+    Seeds are put together at the same number of steps, where the abscissa is their median too: of two seeds on machines
+    of different speed the same part of the training counts. Between its checkpoints a seed's curve is straight; next to
+    a checkpoint that is never, it is never.
+    """
+    steps = [curve.columns["steps"] for curve in curves]
+    last = min(own[-1] for own in steps)
+    points = np.unique(np.concatenate(steps))
+    points = points[points <= last]
+    values, across = (
+        np.array([np.interp(points, own, curve.columns[name]) for own, curve in zip(steps, curves, strict=True)])
+        for name in (key, against)
+    )
+    return np.median(across, axis=0), np.median(values, axis=0), values.min(axis=0), values.max(axis=0)
+
+
+def _draw_group(axes: Axes, label: str, curves: Sequence[Curve], metric: Metric, against: str, color: Color) -> None:
+    shade, seeds = _rgb(color), f"{len(curves)} seed" + ("s" if len(curves) > 1 else "")
+    if len(curves) > 1:
+        for curve in curves:
+            values = _finite(metric.factor * curve.columns[metric.key])
+            axes.plot(curve.columns[against], values, color=shade, linewidth=0.8, alpha=0.5)
+    across, *ordinates = median_curve(curves, metric.key, against)
+    middle, low, high = (_finite(metric.factor * values) for values in ordinates)
+    axes.fill_between(across, low, high, color=shade, alpha=0.15, linewidth=0.0)
+    marker = "o" if len(across) == 1 else ""
+    axes.plot(across, middle, color=shade, linewidth=2.2, marker=marker, label=f"{label} ({seeds})")
+
+
+def _draw_experts(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
+    """A dashed line for each value of a best expert; runs that are evaluated on the same episodes share it."""
+    ink = _rgb(palette.INK)
+    levels = {(curve.expert, metric.factor * float(curve.columns[f"expert_{metric.key}"][-1])) for curve in curves}
+    names = " or ".join(sorted({name for name, _ in levels}))
+    for number, (_, level) in enumerate(sorted(levels)):
+        if np.isfinite(level):
+            axes.axhline(
+                level, color=ink, linestyle="--", linewidth=1.1, label="" if number else f"best expert: {names}"
+            )
+
+
+def _finish(axes: Axes, metric: Metric, against: str) -> None:
+    axes.set_title(metric.title, fontsize=10)
+    axes.set_xlabel(_AGAINST[against], fontsize=9)
+    from matplotlib.ticker import EngFormatter, StrMethodFormatter
+
+    low, high = axes.get_ylim()
+    if metric.key == "success":
+        bottom = 10.0 * np.floor(low / 10.0) if low > 50.0 else 0.0
+        axes.set_ylim(bottom - 0.03 * (100.0 - bottom), 100.0 + 0.03 * (100.0 - bottom))
+    elif high - low > _WIDE:
+        axes.set_yscale("symlog", linthresh=1.0)
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        if axes.dataLim.ymin >= 0.0:
+            axes.set_ylim(bottom=0.0)
+    else:
+        axes.ticklabel_format(axis="y", useOffset=False)
+    axes.set_xlim(left=0.0)
+    if against == "steps":
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.25)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _finite(values: Array) -> Array:
+    """Values with a gap where they are infinite."""
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _rgb(color: Color) -> tuple[float, ...]:
+    """A colour as matplotlib takes it."""
+    return tuple(channel / 255.0 for channel in color)

@@ -1,0 +1,242 @@
+"""Drawings of `planarm paths`: arm, target and discs at several instants, one panel a policy, and a curve over time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.figures.episode_record import STORIES, Course
+from agents.papers.report import image_bytes, new_sheet
+from envs.rendering import palette
+from envs.rendering.palette import Color, mix
+from planners.typing import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Rgb = tuple[float, ...]
+
+WIDTH = 10.0
+"""Of the picture, inches."""
+_LEFT, _RIGHT, _GAP = 0.5, 0.15, 0.2  # inches: margins, and between panels
+_TOP, _FOOT, _CURVES, _BOTTOM = 0.32, 0.32, 1.5, 0.45  # inches: from the top down
+_HEADING, _LINE = 0.15, 0.17  # inches: above a panel, and for each line of its title
+_INSTANTS = 5
+_PALETTE = 256  # colours of a PNG
+
+_COLORS: dict[str, Color] = {
+    "dpct": palette.ACCENT,
+    "lagrange": (205, 105, 20),
+    "apf": (122, 78, 178),
+    "agent": (22, 130, 96),
+}
+_OTHER_COLORS: tuple[Color, ...] = (palette.MUTED, (160, 90, 60), (190, 60, 110), palette.INK)
+_BELT, _PART = 0.18, 0.07  # m: width of the belt, side of the part
+_BELOW_BELT = 0.3  # m: how much of the arm is shown beside the belt
+
+
+def draw_courses(courses: Sequence[Course], start: str) -> Figure:
+    """The picture of policies that all had the same start, which ``start`` names.
+
+    Raises:
+        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+    """
+    times = np.linspace(0.0, max(course.arrival for course in courses), _INSTANTS)
+    left, right, bottom, top = _view(courses, times)
+    columns = 2 if len(courses) in (2, 4) else len(courses)
+    rows = -(-len(courses) // columns)
+    width = (WIDTH - _LEFT - _RIGHT - (columns - 1) * _GAP) / columns
+    height = width * (top - bottom) / (right - left)
+    heading = _HEADING + _LINE * max(len(course.outcome.splitlines()) for course in courses)
+    row = heading + height + _FOOT
+    total = _TOP + rows * row + _HEADING + _LINE + _CURVES + _BOTTOM
+    sheet = new_sheet(WIDTH, total)
+    sheet.set_layout_engine("none")  # panels of equal scale, placed to the inch
+    colors = _colors(courses)
+    for place, (course, color) in enumerate(zip(courses, colors, strict=True)):
+        x, y = _LEFT + place % columns * (width + _GAP), _TOP + place // columns * row + heading
+        axes = sheet.add_axes((x / WIDTH, 1.0 - (y + height) / total, width / WIDTH, height / total))
+        axes.set(xlim=(left, right), ylim=(bottom, top))
+        _draw_panel(axes, course, times, color, 72.0 * width / (right - left))
+        axes.tick_params(labelleft=place % columns == 0)
+    axes = sheet.add_axes((_LEFT / WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / WIDTH, _CURVES / total))
+    _draw_curves(axes, courses, times, colors)
+    target = "dotted: the reference" if _moves(courses[0]) else "star: the goal"
+    if _rides(courses[0]):
+        target = "squares: the part on its belt"
+    text = f"{start}. Numbers: the same {_INSTANTS} instants in every panel; darker: later; {target}. Axes in metres."
+    sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=_rgb(palette.INK))
+    return sheet
+
+
+def picture_bytes(sheet: Figure, file_format: str, dpi: int) -> bytes:
+    """The picture as a file; a PNG with a palette of few colours, which makes it small."""
+    content = image_bytes(sheet, file_format, dpi)
+    if file_format != "png":
+        return content
+    from PIL import Image
+
+    smaller = io.BytesIO()
+    with Image.open(io.BytesIO(content)) as picture:
+        picture.convert("RGB").quantize(_PALETTE, kmeans=3, dither=Image.Dither.NONE).save(
+            smaller, format="png", optimize=True
+        )
+    return smaller.getvalue()
+
+
+def _colors(courses: Sequence[Course]) -> list[Rgb]:
+    """Known policies have colours of their own; the others take what is left."""
+    others = iter(_OTHER_COLORS)
+    return [_rgb(_COLORS[course.policy] if course.policy in _COLORS else next(others)) for course in courses]
+
+
+def _rides(course: Course) -> bool:
+    """Whether the target is a part on a belt."""
+    return STORIES[course.env_id].belt
+
+
+def _moves(course: Course) -> bool:
+    """Whether the target moves."""
+    return bool(np.ptp(course.target, axis=0).any())
+
+
+def _view(courses: Sequence[Course], times: Array) -> tuple[float, float, float, float]:
+    """The stretch of the plane to show, m: left, right, bottom, top. Of a belt, what lies around the hand."""
+    points: list[Array] = []
+    for course in courses:
+        shown = [course.sample_at(time) for time in times]
+        points += [course.joints[: shown[-1] + 1, -1], course.target[shown]]
+        if not _rides(course):
+            points.append(course.joints[shown].reshape(-1, 2))
+        for disc, radius in enumerate(course.radii):
+            points += [course.discs[shown, disc] + radius, course.discs[shown, disc] - radius]
+    low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+    if _rides(courses[0]):
+        low, high = low - np.array([_PART, _BELOW_BELT]), high + np.array([_PART, 0.5 * _BELT])
+    margin = 0.06 * float((high - low).max())
+    return float(low[0]) - margin, float(high[0]) + margin, float(low[1]) - margin, float(high[1]) + margin
+
+
+def _draw_panel(axes: Axes, course: Course, times: Array, color: Rgb, scale: float) -> None:
+    """A policy's way through the plane; ``scale`` is points a metre."""
+    shown = _shown_samples(course, times)
+    shades = [course.t[sample] / times[-1] for sample in shown]
+    if _rides(course):
+        height = float(course.target[0, 1])
+        axes.axhspan(height - 0.5 * _BELT, height + 0.5 * _BELT, color=_rgb(palette.BORDER), zorder=1)
+    link = max(4.0, 2.0 * course.arm.link_radius * scale)
+    labels = _labels(course, shown, times)
+    for sample, shade, label in zip(shown, shades, labels, strict=True):
+        if _rides(course):
+            _draw_part(axes, course.target[sample], shade, label)
+        for disc, radius in enumerate(course.radii):
+            _draw_disc(axes, course.discs[sample, disc], float(radius), shade, label)
+        _draw_arm(axes, course.joints[sample], shade, link)
+    until = shown[-1] + 1
+    for disc in range(len(course.radii)):
+        axes.plot(*course.discs[:until, disc].T, color=_rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
+    hand = course.joints[:until, -1]
+    axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
+    axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
+    if _moves(course) and not _rides(course):
+        axes.plot(*course.target[:until].T, color=_rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
+    _label_hands(axes, course.joints[shown, -1], labels, color)
+    if not _moves(course):
+        star = {"color": _rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
+        axes.plot(*course.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
+    axes.set_title(f"{course.policy}: {course.outcome}", fontsize=10, color=color, fontweight="bold")
+    axes.tick_params(labelsize=8)
+    axes.locator_params(nbins=4)
+    axes.grid(alpha=0.25)
+    axes.set_axisbelow(True)
+
+
+def _shown_samples(course: Course, times: Array) -> list[int]:
+    """Samples at the times; of an episode that ends earlier, its end instead of what comes later or just before."""
+    if course.duration >= times[-1] - 1e-9:
+        return [course.sample_at(time) for time in times]
+    before = times[times < course.duration - 0.4 * (times[1] - times[0])]
+    return [course.sample_at(time) for time in (*before, course.duration)]
+
+
+def _labels(course: Course, shown: Sequence[int], times: Array) -> list[str]:
+    """Numbers of the instants; an end between them is a check mark if it is a success, or else a cross."""
+    numbers = [str(rank + 1) for rank in range(len(shown))]
+    if course.duration >= times[-1] - 1e-9:
+        return numbers
+    return [*numbers[:-1], "\u2713" if course.info["is_success"] else "\u00d7"]
+
+
+def _draw_arm(axes: Axes, joints: Array, shade: float, width: float) -> None:
+    color = _rgb(mix(palette.BORDER, palette.LINK_BASE, 0.15 + 0.85 * shade))
+    zorder = 3.0 + shade
+    axes.plot(*joints.T, color=color, linewidth=width, solid_capstyle="round", solid_joinstyle="round", zorder=zorder)
+    axes.plot(*joints[:-1].T, color="white", marker="o", markersize=2.6, linestyle="", zorder=zorder)
+
+
+def _draw_part(axes: Axes, center: Array, shade: float, label: str) -> None:
+    from matplotlib.patches import Rectangle
+
+    corner = center - 0.5 * _PART
+    color = _rgb(mix(palette.PANEL, palette.WAITING, 0.15 + 0.85 * shade))
+    edge = _rgb(mix(palette.WAITING, palette.INK, 0.4))
+    axes.add_patch(Rectangle((corner[0], corner[1]), _PART, _PART, facecolor=color, edgecolor=edge, zorder=2))
+    _write(axes, center + np.array([0.0, 0.75 * _PART]), label, edge, 8.5, 5.5)
+
+
+def _draw_disc(axes: Axes, center: Array, radius: float, shade: float, label: str) -> None:
+    from matplotlib.patches import Circle
+
+    color = _rgb(mix(palette.PANEL, palette.BAD, 0.15 + 0.85 * shade))
+    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=color, edgecolor=_rgb(palette.BAD), zorder=2))
+    _write(axes, center, label, _rgb(palette.INK), 9.0, 6.6)
+
+
+def _label_hands(axes: Axes, hands: Array, labels: Sequence[str], color: Rgb) -> None:
+    for rank, (hand, label) in enumerate(zip(hands, labels, strict=True)):
+        axes.plot(*hand, marker="o", markersize=10.5, color="white", markeredgecolor=color, zorder=7 + 0.1 * rank)
+        _write(axes, hand, label, color, 7.5, 7.05 + 0.1 * rank)
+
+
+def _write(axes: Axes, center: Array, label: str, color: Rgb, size: float, zorder: float) -> None:
+    text = axes.text(center[0], center[1], label, color=color, fontsize=size, zorder=zorder, clip_on=True)
+    text.set(ha="center", va="center_baseline")
+
+
+def _draw_curves(axes: Axes, courses: Sequence[Course], times: Array, colors: Sequence[Rgb]) -> None:
+    """What the task is about, over time, with the instants of the panels."""
+    story = STORIES[courses[0].env_id]
+    until = min(1.12 * times[-1], max(course.duration for course in courses))
+    for course, color in zip(courses, colors, strict=True):
+        shown = course.t <= until + 1e-9
+        axes.plot(course.t[shown], course.measure[shown], color=color, label=course.policy, linewidth=1.8)
+        if course.info["is_success"] and course.arrival < course.duration:
+            axes.plot(course.arrival, course.measure[course.sample_at(course.arrival)], marker="o", color=color)
+        elif course.duration < times[-1]:
+            axes.plot(course.t[-1], course.measure[-1], marker="x", color=color, markersize=9, markeredgewidth=2.5)
+    tolerance = courses[0].tolerance
+    if tolerance is not None:
+        label = f"tolerance, {tolerance:g} mm"
+        axes.axhline(tolerance, color=_rgb(palette.MUTED), linestyle="--", linewidth=1.0, label=label)
+    if story.logarithmic:
+        axes.set(yscale="log", ylim=(1e-3, None))
+    for rank, time in enumerate(times):
+        axes.axvline(time, color=_rgb(palette.BORDER), linewidth=0.8, zorder=0)
+        number = axes.text(time, 1.0, str(rank + 1), transform=axes.get_xaxis_transform(), fontsize=7.5)
+        number.set(ha="center", va="center_baseline", color=_rgb(palette.INK))
+        number.set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _rgb(palette.MUTED)})
+    axes.set(xlim=(-0.02 * until, 1.01 * until))
+    axes.set_xlabel("time (s)", fontsize=9)
+    axes.set_title(story.title, fontsize=9.5, pad=10, loc="left")
+    axes.tick_params(labelsize=8)
+    axes.legend(fontsize=8, ncols=5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.04), borderaxespad=0.0)
+    axes.grid(alpha=0.2, axis="y")
+
+
+def _rgb(color: Color) -> Rgb:
+    """A colour as matplotlib takes it."""
+    return tuple(channel / 255.0 for channel in color)

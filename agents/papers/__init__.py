@@ -1,0 +1,1 @@
+"""The papers' results regenerated, published figures beside ours."""

@@ -1,0 +1,1 @@
+"""The potential-field paper's results regenerated."""

@@ -1,0 +1,112 @@
+"""Drawings for the potential-field paper: its surfaces, arm and disc at several instants, clearances, the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.papers.report import name_axes
+from planners import Arm, MotionProblem
+from planners.apf.distance_table import DistanceTable
+from planners.apf.khatib import Gains, potential
+from planners.apf.paper import FieldMotion, hand_goal
+from planners.typing import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
+
+_GRID = 121  # points a side of a surface
+_LINK = 13.0  # points: the links as thick as they are, at the scale of figure 3
+_HIGHEST = 1.0  # m^2/s; the wall goes on above
+
+
+def draw_potentials(sheet: SubFigure, problem: MotionProblem, gains: Gains, time: float) -> None:
+    """Figure 2: attractive, repulsive and total potential over the workspace, with the discs of a time (s)."""
+    reach = problem.arm.reach
+    x, y = np.meshgrid(np.linspace(-reach, reach, _GRID), np.linspace(-reach, reach, _GRID))
+    positions = np.array([disc.position + time * disc.velocity for disc in problem.obstacles])
+    radii = np.array([disc.radius + problem.arm.link_radius for disc in problem.obstacles])
+    hands = np.stack([x.ravel(), y.ravel()], axis=-1)
+    bowl, wall = (part.reshape(x.shape) for part in potential(gains, hands, hand_goal(problem), positions, radii))
+    parts = {"attractive (eq 6)": bowl, "repulsive (Khatib's eq 8)": wall, "total (eq 3)": bowl + wall}
+    for column, (name, values) in enumerate(parts.items(), start=1):
+        axes: Any = sheet.add_subplot(1, 3, column, projection="3d")
+        highest = float(bowl.max()) if column != 2 else _HIGHEST
+        heights = np.minimum(values, highest)
+        axes.plot_surface(
+            x, y, heights, cmap="viridis", rstride=1, cstride=1, linewidth=0.0, antialiased=False, rasterized=True
+        )
+        axes.view_init(elev=34.0, azim=-125.0)
+        axes.set(title=f"Figure 2: {name}, m$^2$/s", xlabel="x (m)", ylabel="y (m)", zlim=(0.0, highest))
+        axes.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1))
+        axes.set_box_aspect((1.0, 1.0, 0.6), zoom=1.1)
+
+
+def draw_motion(axes: Axes, problem: MotionProblem, motion: FieldMotion, title: str, instants: Sequence[float]) -> None:
+    """Figure 3: the arm and the discs at some times (s), and the ways of hand and discs until the last of them."""
+    from matplotlib import colormaps
+
+    last = min(instants[-1], float(motion.t[-1]))
+    times = [time for time in instants if time < last] + [last]
+    until = int(np.searchsorted(motion.t, last)) + 1
+    hand = problem.arm.forward_kinematics(motion.q[:until])
+    axes.plot(*hand.T, color="k", linewidth=1.2, zorder=4)
+    for rank, time in enumerate(times):
+        colour = colormaps["viridis"](0.85 * (1.0 - rank / (len(times) - 1)))
+        index = min(int(np.searchsorted(motion.t, time)), len(motion.t) - 1)
+        _draw_arm(axes, problem.arm, motion.q[index], colour, f"{time:.2g} s")
+        for disc in problem.obstacles:
+            _draw_disc(axes, disc.position + time * disc.velocity, disc.radius, colour)
+    for disc in problem.obstacles:
+        ends = np.stack([disc.position, disc.position + last * disc.velocity])
+        axes.plot(*ends.T, color="k", linestyle=":", linewidth=1.0)
+    axes.plot(*hand_goal(problem), marker="*", color="C3", markersize=12, linestyle="", zorder=5)
+    name_axes(axes, title, "x (m)", "y (m)", fontsize="x-small")
+    for line in axes.legend(fontsize="x-small", loc="lower left").get_lines():
+        line.set_linewidth(5.0)
+    axes.set(aspect="equal", xlim=(-0.6, 1.25), ylim=(-0.65, 1.05))
+
+
+def _draw_arm(axes: Axes, arm: Arm, q: Array, colour: Any, label: str) -> None:
+    joints = arm.joint_positions(q)
+    axes.plot(*joints.T, color=colour, alpha=0.45, label=label, linewidth=_LINK, solid_capstyle="round", zorder=2)
+    axes.plot(*joints[:-1].T, color=colour, marker="o", markersize=3.5, linestyle="", zorder=3)
+
+
+def _draw_disc(axes: Axes, center: Array, radius: float, colour: Any) -> None:
+    from matplotlib.patches import Circle
+
+    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=(*colour[:3], 0.35), edgecolor=colour, zorder=3))
+
+
+def draw_clearances(axes: Axes, motions: Mapping[str, FieldMotion], title: str, until: float) -> None:
+    """Clearance of the whole arm over time (s); a motion that ends in a collision ends in a cross."""
+    styles = [("C0", "-"), ("C0", "--"), ("C1", "-"), ("C1", "--")]
+    for (name, motion), (colour, style) in zip(motions.items(), styles, strict=True):
+        shown = motion.t <= until
+        axes.plot(motion.t[shown], motion.clearance[shown], color=colour, linestyle=style, label=name)
+        if motion.outcome == "collision":
+            axes.plot(
+                motion.t[-1],
+                motion.clearance[-1],
+                color=colour,
+                marker="x",
+                markersize=9,
+                markeredgewidth=2.0,
+                clip_on=False,
+            )
+    name_axes(axes, title, "t (s)", "clearance of the arm (m)", fontsize="x-small")
+    axes.set(ylim=(0.0, None), xlim=(0.0, until))
+
+
+def draw_table(axes: Axes, table: DistanceTable, speeds: Sequence[float]) -> None:
+    """Eq 20: how much nearer or farther a disc counts by its direction, at some speeds (m/s)."""
+    directions = np.linspace(0.0, np.pi, 91)
+    for speed in speeds:
+        shifts = [table.shift(speed, direction) for direction in directions]
+        axes.plot(np.degrees(directions), shifts, label=f"{speed:g} m/s")
+    name_axes(axes, "Eq 20: what the table adds to the distance", "direction (deg)", "shift (m)", fontsize="x-small")
+    axes.set(xticks=range(0, 181, 45))

@@ -1,0 +1,329 @@
+"""`planarm paper-dpct`: the conveyor-tracking paper's results, published against regenerated.
+
+"Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee, M. S. Ko): its planner as
+:mod:`planners.dpct.paper` reads it, on its own clock and as a real motion, beside the optimal planner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from itertools import chain, groupby
+
+import numpy as np
+from rich.table import Table
+
+from agents.papers.report import ReportOptions, image_bytes, name_axes, new_sheet, report_console, write_report
+from planners import SCARA_1M, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
+from planners.dpct.paper import (
+    LITERAL,
+    MASS_SLIPS,
+    REPAIRED,
+    PhasePath,
+    Reading,
+    execute,
+    search_phase_plane,
+    signed_peak,
+)
+from planners.typing import Array
+
+BELT_SPEED, HEADWAY, START, HEIGHT, LINE = 0.2, 0.1, -0.8, 1.732, 0.5  # m/s; m: section 5.1 of the paper
+GRIDS = ((30, 50), (50, 100), (100, 200))
+MAIN_GRID = (50, 100)
+HEADWAYS = (0.2, 0.1, 0.05, 0.0, -0.05)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One of the paper's three cases (section 5.3): its limits and what was published for the 50 x 100 grid."""
+
+    title: str
+    limits: JointLimits
+    rendezvous_time: float
+    peak_torque: tuple[float, float] | None
+
+
+_PAPER_LIMITS = SCARA_1M.limits
+CASES = {
+    1: Case("no limits", JointLimits.unlimited(2), 0.65, (-1.342, -0.406)),
+    2: Case("torque limits", JointLimits(torque=_PAPER_LIMITS.torque), 0.80, (-0.499, -0.14)),
+    3: Case("all limits", _PAPER_LIMITS, 1.10, None),
+}
+
+
+_CAPTION = (
+    "t_a (s), peak torques (N m) and J (s) as the planner sees them, then of the motion on a real clock. Ratio: worst "
+    "torque, velocity or acceleration over its limit; / least: real J over the least J within the limits; lag: how "
+    "late the hand is at the end of the line."
+)
+
+
+@dataclass(frozen=True)
+class PaperDpctOptions(ReportOptions):
+    """Where to write the conveyor-tracking paper's results, its figures 4 to 8 among them."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One plan. Times in s, torques in N m (signed, the largest of each joint); None: there is no such thing.
+
+    Attributes:
+        case, planner, grid: what was planned and how.
+        published_rendezvous_time, published_peak_torque: what the paper prints.
+        rendezvous_time: t_a as the planner sees it.
+        peak_torque: as the planner sees it.
+        cost: J as the planner sees it, s.
+        real_peak_torque, real_cost: of the motion on a real clock.
+        cost_ratio: real J over the least J of any motion within the case's limits.
+        limit_ratios: of the motion on a real clock, worst |value| / limit.
+        lag: how late the hand really is at the end of the line, s.
+    """
+
+    case: int
+    planner: str
+    grid: tuple[int, int] | None
+    published_rendezvous_time: float | None
+    published_peak_torque: tuple[float, float] | None
+    rendezvous_time: float
+    peak_torque: tuple[float, ...]
+    cost: float
+    real_peak_torque: tuple[float, ...]
+    real_cost: float
+    cost_ratio: float
+    limit_ratios: dict[str, float]
+    lag: float
+
+
+@dataclass(frozen=True)
+class ClockRow:
+    """The start of a literal plan: when the hand should go by the planner's clock and by a real one, both s.
+
+    Attributes:
+        headway: D, m.
+        case: 1 to 3.
+        own_start, real_start: below 0 the hand would have to go before t_0.
+        belt_travel: how far the part moves in the time missing by the planner's own clock, m.
+    """
+
+    headway: float
+    case: int
+    own_start: float
+    real_start: float
+    belt_travel: float
+
+
+def run(options: PaperDpctOptions) -> None:
+    """Regenerate the paper's table and, when asked for, its figures.
+
+    Raises:
+        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
+    """
+    rows, clocks = list(plan_rows()), list(clock_rows())
+    report_console().print(_plan_table(rows), _clock_table(clocks))
+    document = {"plans": [asdict(row) for row in rows], "start_clocks": [asdict(row) for row in clocks]}
+    write_report(options, document, figure)
+
+
+def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
+    """The paper's simulation (section 5.1), the hand ``headway`` m ahead of the part, under the limits of a case."""
+    return MotionProblem(
+        arm=SCARA_1M,
+        q=SCARA_1M.inverse_kinematics([START, HEIGHT])[0],
+        target=MovingHand(position=np.array([START - headway, HEIGHT]), velocity=np.array([BELT_SPEED, 0.0])),
+        horizon=(LINE + headway) / BELT_SPEED,
+        limits=CASES[case].limits,
+    )
+
+
+def plan_rows() -> Iterator[Row]:
+    """Every case by the readings of the paper and by the optimal planner."""
+    for case in CASES:
+        least = least_cost(case)
+        for reading in (LITERAL, REPAIRED):
+            for grid in GRIDS:
+                yield _paper_row(case, reading, grid, least)
+        for slip in MASS_SLIPS:
+            yield _paper_row(case, slip, MAIN_GRID, least)
+        if case != 1:  # without limits the earliest rendezvous is an impulse when the part comes by
+            yield _optimal_row(case, least, free_initial_acceleration=True)
+            yield _optimal_row(case, least, free_initial_acceleration=False)
+
+
+def least_cost(case: int) -> float:
+    """The least J (eq 18) within a case's limits, by the optimal planner when it need not be early, s.
+
+    The acceleration at t_0 is free, as in the paper. Without limits the least J is that of a hand that starts at speed,
+    ``(D / L)^2 coth t_f``, which no motion from rest reaches.
+    """
+    problem = paper_problem(case)
+    if case == 1:
+        return (HEADWAY / LINE) ** 2 / math.tanh(problem.horizon)
+    motion = dpct.plan(problem, rendezvous_time=problem.horizon, free_initial_acceleration=True)
+    return tracking_cost(motion)
+
+
+def _paper_row(case: int, reading: Reading, grid: tuple[int, int], least: float) -> Row:
+    problem, published = paper_problem(case), CASES[case]
+    path = search_phase_plane(problem, grid=grid, reading=reading)
+    motion = execute(problem, path)
+    return Row(
+        case=case,
+        planner=reading.name,
+        grid=grid,
+        published_rendezvous_time=published.rendezvous_time if grid == MAIN_GRID else None,
+        published_peak_torque=published.peak_torque if grid == MAIN_GRID else None,
+        rendezvous_time=path.rendezvous_time,
+        peak_torque=tuple(path.peak_torque.tolist()),
+        cost=path.cost,
+        real_peak_torque=tuple(signed_peak(motion.tau).tolist()),
+        real_cost=motion.cost,
+        cost_ratio=motion.cost / least,
+        limit_ratios=dict(motion.limit_ratios),
+        lag=path.lag,
+    )
+
+
+def _optimal_row(case: int, least: float, free_initial_acceleration: bool) -> Row:
+    motion = dpct.plan(paper_problem(case), free_initial_acceleration=free_initial_acceleration)
+    cost = tracking_cost(motion)
+    peak = tuple(signed_peak(motion.tau).tolist())
+    return Row(
+        case=case,
+        planner="optimal, a(t0) free" if free_initial_acceleration else "optimal",
+        grid=None,
+        published_rendezvous_time=CASES[case].rendezvous_time,
+        published_peak_torque=None,
+        rendezvous_time=motion.rendezvous_time,
+        peak_torque=peak,
+        cost=cost,
+        real_peak_torque=peak,
+        real_cost=cost,
+        cost_ratio=cost / least,
+        limit_ratios=dict(motion.limit_ratios),
+        lag=0.0,
+    )
+
+
+def tracking_cost(motion: Trajectory, headway: float = HEADWAY) -> float:
+    """J (eq 18) of a motion of the paper's arm along the paper's line, by the trapezoidal rule on its samples, s."""
+    r = (SCARA_1M.forward_kinematics(motion.q)[:, 0] - START) / LINE
+    rate = np.einsum("sj,sj->s", SCARA_1M.jacobian(motion.q)[:, 0], motion.qd) / LINE
+    part = (BELT_SPEED * motion.t - headway) / LINE
+    return float(np.trapezoid((r - part) ** 2 + (rate - BELT_SPEED / LINE) ** 2, motion.t))
+
+
+def clock_rows() -> Iterator[ClockRow]:
+    """Literal plans on the main grid for several headways D."""
+    for headway in HEADWAYS:
+        for case in CASES:
+            path = search_phase_plane(paper_problem(case, headway), grid=MAIN_GRID)
+            own, real = float(path.clock[0]), float(path.real_clock[0])
+            yield ClockRow(headway, case, own, real, belt_travel=BELT_SPEED * path.clock_error)
+
+
+def _plan_table(rows: Iterable[Row]) -> Table:
+    table = Table(title="Published, regenerated, and what becomes of it on a real clock", caption=_CAPTION)
+    for column in ("case", "planner", "grid"):
+        table.add_column(column)
+    for column in (
+        "t_a",
+        "paper",
+        "peak torques",
+        "paper",
+        "J",
+        "real peak torques",
+        "ratio",
+        "real J",
+        "/ least",
+        "lag",
+    ):
+        table.add_column(column, justify="right")
+    for _, group in groupby(rows, key=lambda row: row.case):
+        for row in group:
+            table.add_row(*_plan_cells(row))
+        table.add_section()
+    return table
+
+
+def _plan_cells(row: Row) -> Iterator[str]:
+    yield str(row.case)
+    yield row.planner
+    yield f"{row.grid[0]}x{row.grid[1]}" if row.grid else ""
+    yield f"{row.rendezvous_time:.3f}"
+    yield f"{row.published_rendezvous_time:.2f}" if row.published_rendezvous_time else ""
+    yield _pair(row.peak_torque)
+    yield _pair(row.published_peak_torque or ())
+    yield f"{row.cost:.4f}"
+    yield _pair(row.real_peak_torque)
+    ratio = max(row.limit_ratios[kind] for kind in ("torque", "velocity", "acceleration"))
+    yield f"{ratio:.2f}" if ratio else ""
+    yield f"{row.real_cost:.4f}"
+    yield f"{row.cost_ratio:.2f}"
+    yield f"{1e3 * row.lag:.0f} ms" if row.lag else ""
+
+
+def _pair(torques: Iterable[float]) -> str:
+    return " ".join(f"{torque:.3f}" for torque in torques)
+
+
+def _clock_table(rows: Iterable[ClockRow]) -> Table:
+    table = Table(
+        title=f"When the hand should go (literal, {MAIN_GRID[0]}x{MAIN_GRID[1]})",
+        caption="Own and real clock (s), below 0: before t_0. Belt (mm): its travel in the time the own clock lacks.",
+    )
+    table.add_column("D (m)", justify="right")
+    for case in CASES:
+        for column in (f"case {case}: own", "real", "belt"):
+            table.add_column(column, justify="right")
+    for headway, group in groupby(rows, key=lambda row: row.headway):
+        cells = ((f"{row.own_start:+.3f}", f"{row.real_start:+.3f}", f"{1e3 * row.belt_travel:.0f}") for row in group)
+        table.add_row(f"{headway:+.2f}", *chain.from_iterable(cells))
+    return table
+
+
+def figure(file_format: str, dpi: int) -> bytes:
+    """The paper's figures 4 to 8 from literal plans, on the search's own clock, as the bytes of an image file.
+
+    Raises:
+        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+        ValueError: if matplotlib does not know the file format.
+    """
+    sheet = new_sheet(11.0, 15.0)
+    grids, phases, hand, real, *joints = sheet.subplots(4, 2).flat
+    for grid in GRIDS:
+        path = search_phase_plane(paper_problem(3), grid=grid)
+        grids.plot(path.r, path.rate, label=f"{grid[0]}x{grid[1]}")
+    for case, published in CASES.items():
+        label = f"case {case}: {published.title}"
+        problem = paper_problem(case)
+        path = search_phase_plane(problem, grid=MAIN_GRID)
+        phases.plot(path.r, path.rate, label=label)
+        clock, r, qd, tau = _from_rest(path)
+        hand.plot(clock, START + LINE * r, label=label)
+        for joint in range(2):
+            joints[joint].plot(clock, qd[:, joint], label=label)
+            joints[2 + joint].step(clock, tau[:, joint], where="post", label=label)
+        motion = execute(problem, path)
+        real.plot(motion.t, motion.tau[:, 0], label=label)
+    hand.plot(motion.t, START - HEADWAY + BELT_SPEED * motion.t, "k:", label="part")
+    for limit in (-_PAPER_LIMITS.torque[0], _PAPER_LIMITS.torque[0]):
+        real.axhline(limit, color="k", linestyle=":")
+    name_axes(grids, "Figure 4: grids, case 3", "r", "dr/dt (1/s)")
+    name_axes(phases, "Figure 5: cases", "r", "dr/dt (1/s)")
+    name_axes(hand, "Figure 6: hand and part", "t (s)", "x (m)")
+    name_axes(real, "Not in the paper: the torque joint 1 really needs", "t (s)", "torque (N m)")
+    for joint, letter in enumerate("ab"):
+        name_axes(joints[joint], f"Figure 7({letter}): velocity of joint {joint + 1}", "t (s)", "velocity (rad/s)")
+        name_axes(joints[2 + joint], f"Figure 8({letter}): torque of joint {joint + 1}", "t (s)", "torque (N m)")
+    return image_bytes(sheet, file_format, dpi)
+
+
+def _from_rest(path: PhasePath) -> tuple[Array, Array, Array, Array]:
+    """Clock, r, joint velocities and torques at the stages; a rest before the start is put in front."""
+    tau = np.concatenate([path.tau, path.tau[-1:]])
+    curves = (path.clock, path.r, path.qd, tau)
+    if path.clock[0] <= 0.0:
+        return curves
+    clock, r, qd, tau = (np.concatenate([np.zeros_like(curve[:1]), curve]) for curve in curves)
+    return clock, r, qd, tau

@@ -1,0 +1,1 @@
+"""The excavator paper's results regenerated."""

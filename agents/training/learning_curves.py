@@ -1,0 +1,143 @@
+"""Learning curves: what became of training runs, read from their folders, and what their settings have in common."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.training.recipe import TrainingConfig
+from agents.yaml_config import load_experiment
+from envs.settings import refuse_unknown
+from planners.typing import Array
+
+Groups = dict[str, list["Curve"]]
+"""Curves by what they have in common."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What has become of a training run, checkpoint by checkpoint.
+
+    Attributes:
+        folder: of the run.
+        config: what it does.
+        expert: name of the best expert on the same episodes.
+        columns: numbers of metrics.csv, ``(checkpoints,)`` each; +inf: never.
+    """
+
+    folder: Path
+    config: TrainingConfig
+    expert: str
+    columns: dict[str, Array]
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done."""
+        return bool(self.columns["steps"][-1] >= self.config.total_steps)
+
+    @property
+    def best(self) -> int:
+        """The checkpoint whose agent is kept as the best: most success, then the highest return."""
+        success, returns = self.columns["success"], self.columns["return"]
+        return max(range(len(success)), key=lambda row: (success[row], returns[row]))
+
+
+def read_curve(folder: Path) -> Curve:
+    """The curve of the run in a folder, as far as it has come.
+
+    Raises:
+        ValueError: if there is no run, it has not been evaluated yet, or its files are damaged.
+    """
+    config = load_experiment(str(folder / "config.yaml"), TrainingConfig)
+    path = folder / "metrics.csv"
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"cannot read {path}, which a run writes at its first evaluation: {error}") from None
+    try:
+        expert = rows[0]["expert"]
+        columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "expert"}
+        for name in ("steps", "seconds", "success", "return", "expert_success", "expert_return"):
+            columns[name]  # a KeyError if it is missing
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is damaged: {type(error).__name__} {error}") from None
+    return Curve(folder, config, expert, columns)
+
+
+def check_alike(curves: Sequence[Curve]) -> None:
+    """Raise a ValueError unless the runs can stand in one picture."""
+    first = curves[0]
+    for curve in curves:
+        if curve.config.env != first.config.env:
+            raise ValueError(
+                f"{first.folder} is a run of {first.config.env}, {curve.folder} one of {curve.config.env}; "
+                "give runs of one environment"
+            )
+    seen: dict[str, Path] = {}
+    for curve in curves:
+        other = seen.setdefault(curve.config.model_dump_json(), curve.folder)
+        if other is not curve.folder:
+            raise ValueError(
+                f"{other} and {curve.folder} have the same settings and seed {curve.config.seed}: the same run twice, "
+                "which would pass for agreement between seeds; leave one out"
+            )
+
+
+def grouped(curves: Sequence[Curve], key: str) -> Groups:
+    """Curves by what their configurations say for a setting.
+
+    Raises:
+        ValueError: if no run has such a setting.
+    """
+    settings = [_settings(curve.config) for curve in curves]
+    refuse_unknown([key], set().union(*settings), "setting to group by")
+    groups: Groups = {}
+    for curve, values in zip(curves, settings, strict=True):
+        groups.setdefault(_label(key, values), []).append(curve)
+    return groups
+
+
+def differing(curves: Sequence[Curve]) -> list[str]:
+    """Names of the settings, but for the seed, that are not the same in all of these runs.
+
+    Of nested settings those that differ are named, or the whole if some runs do not have it.
+    """
+    settings = [_settings(curve.config) for curve in curves]
+    names: list[str] = []
+    for name in dict.fromkeys(name for values in settings for name in values):
+        values = [own.get(name) for own in settings]
+        nested = all(isinstance(value, dict) for value in values)
+        if name != "seed" and not nested and not name.startswith(tuple(f"{other}." for other in names)):
+            names += [name] if len(set(map(_text, values))) > 1 else []
+    return names
+
+
+def _settings(config: TrainingConfig) -> dict[str, Any]:
+    """All settings by name, nested ones as a whole and one by one."""
+    return dict(_flat(config.model_dump(mode="json"), ""))
+
+
+def _flat(settings: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in settings.items():
+        yield prefix + name, value
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+
+
+def _label(key: str, settings: Mapping[str, Any]) -> str:
+    if key != "warm_start":
+        return f"{key}={_text(settings.get(key))}"
+    if settings["warm_start"]:
+        return f"cloning {settings['warm_start']['expert']}, then PPO"
+    return "fitting to the cost, then PPO" if settings["amortise"] else "PPO alone"
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,1 @@
+"""ConveyorTrack-v0: its environment, kernels, start distribution, experts and card."""

@@ -1,0 +1,276 @@
+"""ConveyorTrack: bring the hand of a SCARA arm onto a part that rides on a conveyor belt, and ride with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from envs.conveyor_track.kernels import LANE_FIELDS, MODEL_FIELDS, advance_lanes, reset_lane
+from envs.conveyor_track.starts import PAPER_START, Demands, Start, draw_starts, require_solvable
+from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.observation import Entry, Layout, Observation
+from envs.physics.actuation import ControlMode
+from envs.rendering import Belt, Scene
+from envs.settings import Settings
+from envs.task import Options, Task, TaskSettings
+from planners import SCARA_1M, MotionProblem, MovingHand
+from planners.typing import Array
+
+
+class ConveyorTrackConfig(TaskSettings):
+    """Settings of ConveyorTrack-v0, beside those of every task.
+
+    Attributes:
+        belt_acceleration: of the belt along its direction, m/s^2.
+        position_tolerance: largest distance between hand and part that counts as settled, m.
+        velocity_tolerance: largest relative velocity that counts as settled, m/s.
+        hold_time: how long at the end of the episode the hand must be settled for a success, s.
+        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
+        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
+    """
+
+    control_mode: ControlMode = "torque"
+    horizon: float = Field(3.0, gt=0.0, le=60.0)
+    control_period: float = Field(0.02, gt=0.0)
+    physics_step: float = Field(0.002, gt=0.0)
+    payload: float = Field(0.0, ge=0.0, le=10.0)
+    belt_acceleration: float = Field(0.0, ge=-1.0, le=1.0)
+    position_tolerance: float = Field(1e-3, gt=0.0)
+    velocity_tolerance: float = Field(2e-3, gt=0.0)
+    hold_time: float = Field(0.5, gt=0.0)
+    limit_tolerance: float = Field(0.005, ge=0.0)
+    limit_penalty: float = Field(2.0, ge=0.0)
+
+
+class ConveyorTrackOptions(Settings):
+    """Options of ``reset``: what is left out is drawn (``"random"``) or the paper's (``"paper"``).
+
+    Attributes:
+        scenario: ``"random"`` or ``"paper"``.
+        belt_speed: at the start, along +x, m/s.
+        offset: D of eq 2: how far the hand starts ahead of the part, m.
+        line_height: y of the belt, m.
+        hand_x: x of the hand at the start, m.
+        elbow: sign of the elbow angle at the start, ``"+"`` or ``"-"``.
+    """
+
+    scenario: Literal["random", "paper"] = "random"
+    belt_speed: float | None = None
+    offset: float | None = None
+    line_height: float | None = None
+    hand_x: float | None = None
+    elbow: Literal["+", "-"] | None = None
+
+
+LAYOUT = Layout(
+    (
+        Entry("joint_position", 2, math.pi, 4.0, "rad", "angles of the joints"),
+        Entry("joint_velocity", 2, 0.2, 50.0, "rad/s", "their velocities"),
+        Entry("joint_acceleration", 2, 0.3, 100.0, "rad/s^2", "their mean accelerations over the last control period"),
+        Entry("hand", 2, 1.0, 4.0, "m", "position of the hand, from the base"),
+        Entry("part", 2, 1.0, 8.0, "m", "position of the part, from the base"),
+        Entry("part_error", 2, 0.1, 80.0, "m", "from the hand to the part"),
+        Entry("part_velocity", 2, 0.2, 50.0, "m/s", "velocity of the part"),
+        Entry("part_acceleration", 2, 0.2, 50.0, "m/s^2", "acceleration of the part"),
+        Entry("time_left", 1, 3.0, 20.0, "s", "until the episode ends"),
+        Entry("settled", 1, 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"),
+    )
+)
+"""What an observation of ConveyorTrack-v0 holds."""
+
+
+class ConveyorTrack(Task):
+    """The conveyor-tracking task over a batch of lanes; `ConveyorTrackEnv` documents it."""
+
+    env_id: ClassVar[str] = "ConveyorTrack-v0"
+    layout = LAYOUT
+    reward_terms: ClassVar[tuple[str, ...]] = ("progress", "settling", "limits")
+    config: ConveyorTrackConfig
+
+    def __init__(self, config: ConveyorTrackConfig, n_lanes: int) -> None:
+        super().__init__(
+            config,
+            SCARA_1M,
+            n_lanes,
+            extra_lane=LANE_FIELDS,
+            extra_model=MODEL_FIELDS,
+        )
+        self._copy_settings("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty")
+        self.model["hold_steps"] = self._hold_steps(config.hold_time)
+        self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
+
+    @classmethod
+    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ConveyorTrack:
+        """The task from settings by name; unknown names are refused."""
+        return cls(ConveyorTrackConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+
+    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
+        """Begin an episode in some lanes; see `ConveyorTrackOptions`.
+
+        Raises:
+            ValueError: for unknown options, or values for which no motion keeps all limits; nothing has changed then.
+        """
+        chosen = ConveyorTrackOptions.parse(options, f"{self.env_id} option")
+        starts = self._starts(generators, chosen)
+        for lane, start in zip(lanes, starts, strict=True):
+            record = self.lanes[lane]
+            record["hand"] = start.hand_x, start.line_height
+            record["part_position"] = start.hand_x - start.offset, start.line_height
+            record["part_velocity"] = start.belt_speed, 0.0
+            record["part_acceleration"] = self.config.belt_acceleration, 0.0
+            reset_lane(self.lanes, self.model, lane, start.elbow)
+
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance lanes ``first`` to ``last - 1`` by one control period."""
+        advance_lanes(self.lanes, self.model, first, last)
+
+    def episode_info(self, lane: int) -> dict[str, Any]:
+        """Settling time, errors, J of eq 18, peak torque and limit ratios of a lane's episode."""
+        record = self.lanes[lane]
+        settled = int(record["settled_steps"])
+        since = int(record["step"]) - settled + 1
+        return {
+            "settling_time": since * self.config.control_period if settled else math.inf,
+            "steady_state_error": float(record["steady_state_error"]),
+            "lq_cost": float(record["lq_cost"]),
+            "peak_torque": float(record["peak_torque"]),
+            **self.limit_info(lane),
+        }
+
+    def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """The part: position, velocity and acceleration, each ``(..., 2)``."""
+        return seen["part"] + self.arm.base_array, seen["part_velocity"], seen["part_acceleration"]
+
+    def motion_problem(self, observation: Observation) -> MotionProblem:
+        """Meet the part within the time left, from the observed joint state."""
+        seen = self.layout.parse(observation)
+        return MotionProblem(
+            arm=self.arm,
+            q=seen["joint_position"],
+            qd=seen["joint_velocity"],
+            qdd=seen["joint_acceleration"],
+            target=MovingHand(*self.hand_goal(seen)),
+            horizon=max(float(seen["time_left"][0]), self.config.control_period),
+        )
+
+    @property
+    def view(self) -> tuple[float, float, float, float]:
+        """Stretch of the plane a frame shows, m."""
+        return (-1.5, 1.3, -0.25, 2.1)
+
+    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this lane shows."""
+        record = self.lanes[lane]
+        period = self.config.control_period
+        start, part = record["belt_start"], record["part_position"]
+        error, velocity_error = float(record["error"]), float(record["velocity_error"])
+        ratios = self.limit_info(lane)["limit_ratios"]
+        settled = int(record["settled_steps"]) > 0
+        return Scene(
+            joints=self.arm.joint_positions(record["q"]),
+            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
+            time=int(record["step"]) * period,
+            horizon=self.config.horizon,
+            title=self.env_id,
+            part=part.copy(),
+            belt=Belt(start=np.array([-1.4, part[1]]), end=np.array([1.2, part[1]]), travel=float(part[0] - start[0])),
+            trail=np.array(trail),
+            status=(
+                ("position error", f"{1e3 * error:.2f} mm", error <= self.config.position_tolerance),
+                (
+                    "velocity error",
+                    f"{1e3 * velocity_error:.2f} mm/s",
+                    velocity_error <= self.config.velocity_tolerance,
+                ),
+                ("settled", f"{int(record['settled_steps']) * period:.2f} s", settled),
+            ),
+            limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration", "jerk")),
+            settled=settled,
+        )
+
+    def _starts(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
+        """One start a generator: drawn or given, and solvable in either case."""
+        given = options.model_dump(exclude={"scenario"}, exclude_none=True)
+        if "elbow" in given:
+            given["elbow"] = 1.0 if given["elbow"] == "+" else -1.0
+        if options.scenario == "paper":
+            start = PAPER_START._replace(**given)
+            require_solvable(start, self._demands)
+            return [start] * len(generators)
+        return draw_starts(generators, given, self._demands)
+
+
+class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
+    __doc__ = f"""Bring the hand of a two-link SCARA arm onto a part that rides on a conveyor belt, and ride with it.
+
+    From T. H. Park, B. H. Lee and M. S. Ko, "Motion planning of a robot manipulator for conveyor tracking".
+    The arm (`planners.SCARA_1M`: two 1 m, 1 kg rods) moves in the horizontal plane and starts at rest with its hand
+    on the line of the belt, D metres ahead of the part.
+
+    ## Action
+    Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
+    `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
+    rad/s, at the end of the period). The last three go through inverse dynamics. Jerk is integrated and clipped so that
+    the velocity, acceleration and jerk limits hold by construction; a velocity is approached so that all but the
+    jerk's hold. The torque limits are the actuator's own and always hold.
+
+    ## Observation
+    Each element is a physical value divided by a fixed scale, clipped at the bound.
+
+{LAYOUT.table()}
+
+    ## Reward
+    The sum of three terms, which `info["reward_terms"]` holds:
+
+    * `progress`: growth of -log(error) / log(1000), where error is the larger of position and velocity error in
+      units of its tolerance, kept in [1, 1000]. Over an episode it adds up to what the end is better than the start.
+    * `settling`: growth of the share of the episode for which the hand has been within tolerance without a break.
+      Losing the part pays the share back, so the episode's sum is the share left after the settling time.
+    * `limits`: for each control period in which a velocity, acceleration or jerk limit is broken by more than
+      `limit_tolerance`, minus `limit_penalty` x (1 + excess, at most 2). One such period costs as much as settling
+      at once could ever gain.
+
+    Each step's reward is within [-6, 2]. Of two policies that keep the limits, the one that settles earlier gets the
+    higher return.
+
+    ## Start
+    `reset(options={{"scenario": "paper"}})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
+    0.2 m/s. Otherwise belt speed, D, line height, hand position and elbow are drawn from cells of a grid whose
+    corners DPCT has solved within 97 % of all limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
+    `line_height`, `hand_x` and `elbow` set any of these by hand; what DPCT cannot solve is refused with its reason.
+
+    ## End
+    Truncated after `horizon` (3 s). Never terminated. Success: position error at most 1 mm and velocity error at most
+    2 mm/s over the last 0.5 s.
+
+    ## Info
+    | Key | When | Meaning |
+    |---|---|---|
+    | `is_success` | always | settled for at least `hold_time` up to now |
+    | `reward_terms` | always | the three terms |
+    | `settling_time` | at the end | from when on both errors stay within tolerance, s; inf if they do not |
+    | `steady_state_error` | at the end | largest position error over the last `hold_time`, m |
+    | `lq_cost` | at the end | J of eq 18, lengths in units of the paper's 0.5 m path |
+    | `peak_torque` | at the end | largest torque of either joint, N m |
+    | `limit_ratio` | at the end | worst value / limit of all kinds |
+    | `limit_ratios` | at the end | worst value / limit of each kind |
+
+    ## Arguments
+    The fields of `ConveyorTrackConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
+    `belt_acceleration`, `position_tolerance`, `velocity_tolerance`, `hold_time`, `limit_tolerance`, `limit_penalty`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    task_type = ConveyorTrack
+
+
+class ConveyorTrackVectorEnv(PlanarArmVectorEnv):
+    """ConveyorTrack-v0 over a batch of lanes; `ConveyorTrackEnv` documents the task."""
+
+    task_type = ConveyorTrack

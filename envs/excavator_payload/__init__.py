@@ -1,0 +1,1 @@
+"""ExcavatorPayload-v0: its environment, kernels, physics, reference motions, experts and card."""

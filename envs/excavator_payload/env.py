@@ -1,0 +1,391 @@
+"""ExcavatorPayload: follow a motion with boom, arm and bucket while the bucket holds a load that nobody has weighed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, NonNegativeFloat, ValidationInfo, field_validator
+
+from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.excavator_payload import reference as excavator_reference
+from envs.excavator_payload import world as excavator_world
+from envs.excavator_payload.hidden import HiddenDraw
+from envs.excavator_payload.kernels import (
+    LANE_FIELDS,
+    MODEL_FIELDS,
+    RESIDUAL_SHARE,
+    advance_lanes,
+    empty_bucket_torque,
+    reset_lane,
+)
+from envs.excavator_payload.reference import Waypoints, draw_reference, given_waypoints, numbers_needed, work_cycle
+from envs.observation import Entry, Layout, Observation
+from envs.physics.actuation import ControlMode
+from envs.rendering import Scene
+from envs.settings import Settings
+from envs.task import Options, Task, TaskSettings
+from planners import FixedJoints, MotionProblem
+from planners.excavator.controllers import TYPICAL_PAYLOAD, make_planar_controller
+from planners.excavator.plane import planar_arm
+from planners.typing import Array
+
+Angles = tuple[float, float, float]
+
+NOISE = (1e-4, 5e-3)
+"""Standard deviations of measured angles (rad) and velocities (rad/s)."""
+LAG = 0.030
+"""Time constant of the drives on level 2, s."""
+PLANNED_SHARE = 0.65
+"""Of the torque limits, what a plan may use."""
+FULL_REWARD = 10.0
+"""Of an episode without any error."""
+
+
+class ExcavatorPayloadConfig(TaskSettings):
+    """Settings of ExcavatorPayload-v0, beside those of every task.
+
+    Attributes:
+        control_mode: ``"torque"``, or ``"residual"`` to add to the torque of a controller that takes the bucket for
+            empty.
+        payload: heaviest load that is drawn, kg.
+        lightest: lightest load that is drawn, kg; as heavy as the heaviest for one that is known to you.
+        level: 1, or 2 for actuators that lag by 30 ms and a load that is picked up and dropped on the way.
+        noise: whether joint angles and velocities are measured with noise, or its standard deviations, rad and rad/s.
+        rms_tolerance: largest root mean square of the tip error that counts as a success, m.
+        peak_tolerance: largest tip error that counts as a success, m.
+        reward_distance: tip error from which on the reward sees no difference, m.
+        smoothness_weight: cost of a change of the action by 1 in one step, in units of the reward of a perfect step.
+        failure_penalty: cost of an episode that ends early because a joint ran away.
+    """
+
+    control_mode: Literal["torque", "residual"] = "torque"
+    horizon: float = Field(12.0, gt=0.0, le=excavator_reference.LONGEST_HORIZON)
+    control_period: float = Field(0.02, gt=0.0)
+    physics_step: float = Field(0.002, gt=0.0)
+    payload: float = Field(350.0, ge=0.0, le=350.0)
+    lightest: float = Field(0.0, ge=0.0)
+    level: Literal[1, 2] = 1
+    noise: bool | tuple[NonNegativeFloat, NonNegativeFloat] = True
+    rms_tolerance: float = Field(5e-3, gt=0.0)
+    peak_tolerance: float = Field(15e-3, gt=0.0)
+    reward_distance: float = Field(0.1, gt=0.0)
+    smoothness_weight: float = Field(0.01, ge=0.0)
+    failure_penalty: float = Field(2.0, ge=0.0)
+
+    @field_validator("lightest")
+    @classmethod
+    def _no_heavier_than_the_heaviest(cls, lightest: float, others: ValidationInfo) -> float:
+        if lightest > others.data.get("payload", math.inf):
+            raise ValueError(f"heavier than payload, which is {others.data['payload']} kg; raise that, or lower this")
+        return lightest
+
+
+class ExcavatorPayloadOptions(Settings):
+    """Options of ``reset``: what is left out is drawn.
+
+    Attributes:
+        scenario: ``"random"``, or ``"cycle"`` for the waypoints of `planners.excavator.motion.WORK_CYCLE`.
+        payload: mass of the load, kg.
+        payload_offset: of its centre from where it should be, in the frame of the bucket, m.
+        friction_scale: factor on the joints' friction.
+        waypoints: joint angles of the waypoints, rad; the first is where the episode starts.
+        arrival_times: when each waypoint after the first is due, s; as soon as the limits allow when left out.
+    """
+
+    scenario: Literal["random", "cycle"] = "random"
+    payload: float | None = Field(None, ge=0.0, le=350.0)
+    payload_offset: tuple[float, float] | None = None
+    friction_scale: float | None = Field(None, ge=0.0, le=5.0)
+    waypoints: tuple[Angles, ...] | None = None
+    arrival_times: tuple[float, ...] | None = None
+
+
+LAYOUT = Layout(
+    (
+        Entry("joint_position", 3, math.pi, 4.0, "rad", "measured angles of boom, arm and bucket"),
+        Entry("joint_velocity", 3, 1.0, 20.0, "rad/s", "their measured velocities"),
+        Entry("reference_error", 3, 0.2, 20.0, "rad", "reference minus measured angle"),
+        Entry("reference_velocity", 3, 1.0, 5.0, "rad/s", "velocity of the reference"),
+        Entry("reference_acceleration", 3, 2.0, 10.0, "rad/s^2", "acceleration of the reference"),
+        Entry("reference_ahead", 9, 0.3, 20.0, "rad", "reference in 0.1, 0.2 and 0.4 s minus reference now"),
+        Entry("error_integral", 3, 0.1, 200.0, "rad s", "control period times the sum of the errors observed before"),
+        Entry("last_torque", 3, 1.0, 1.0, "-", "commanded in the last control period, shares of the torque limits"),
+        Entry("waypoint", 3, math.pi, 1.0, "rad", "angles of the next waypoint"),
+        Entry("waypoint_time", 1, 1.0, 10.0, "s", "until it is due"),
+        Entry("time_left", 1, 12.0, 5.0, "s", "until the episode ends"),
+    )
+)
+"""What an observation of ExcavatorPayload-v0 holds."""
+
+
+class ExcavatorPayload(Task):
+    """Following with an unknown load over a batch of lanes; `ExcavatorPayloadEnv` documents it."""
+
+    env_id: ClassVar[str] = "ExcavatorPayload-v0"
+    layout = LAYOUT
+    reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "smoothness", "failure")
+    config: ExcavatorPayloadConfig
+
+    def __init__(self, config: ExcavatorPayloadConfig, n_lanes: int) -> None:
+        steps = round(config.horizon / config.control_period)
+        super().__init__(
+            config,
+            planar_arm(),
+            n_lanes,
+            extra_lane=excavator_world.LANE_FIELDS + excavator_reference.LANE_FIELDS + LANE_FIELDS,
+            extra_model=excavator_world.MODEL_FIELDS + excavator_reference.MODEL_FIELDS + MODEL_FIELDS,
+        )
+        excavator_world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
+        excavator_reference.fill_dynamics(self.model)
+        gains = make_planar_controller("slotine-li", period=config.control_period).settings
+        self.model["residual"] = config.control_mode == "residual"
+        self.model["bandwidth"], self.model["damping"] = gains.bandwidth, gains.bandwidth * gains.inertia
+        self.model["judged_after"], self.model["settling_steps"] = steps // 3, steps // 6
+        self.model["step_reward"] = FULL_REWARD / steps
+        self._copy_settings(
+            "rms_tolerance", "peak_tolerance", "reward_distance", "smoothness_weight", "failure_penalty"
+        )
+        self.model["noise"] = config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
+        self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes_hands=config.level == 2)
+        limits = self.arm.limits
+        self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))
+
+    @classmethod
+    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ExcavatorPayload:
+        """The task from settings by name; unknown names are refused."""
+        return cls(ExcavatorPayloadConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+
+    @staticmethod
+    def actuation_mode(config: Any) -> ControlMode:
+        """A residual is a torque, too."""
+        return "torque"
+
+    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
+        """Begin an episode in some lanes; see `ExcavatorPayloadOptions`.
+
+        Raises:
+            ValueError: for unknown options, or waypoints that the machine cannot follow; nothing has changed then.
+        """
+        chosen = ExcavatorPayloadOptions.parse(options, f"{self.env_id} option")
+        given = self._given_waypoints(chosen)
+        for lane, generator in zip(lanes, generators, strict=True):
+            record = self.lanes[lane]
+            hidden = self._hidden.draw(generator, chosen.payload, chosen.payload_offset, chosen.friction_scale)
+            hidden.write(record)
+            record["noise_seed"] = generator.integers(2**63)
+            numbers = generator.random(numbers_needed(self.config.horizon))
+            if given is None:
+                draw_reference(self.lanes, self.model, lane, numbers)
+            else:
+                given.write(record)
+            reset_lane(self.lanes, self.model, lane)
+
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance lanes ``first`` to ``last - 1`` by one control period."""
+        advance_lanes(self.lanes, self.model, first, last)
+
+    def episode_info(self, lane: int) -> dict[str, Any]:
+        """Errors, torques and limit ratios of a lane's episode, and what was hidden in it."""
+        record = self.lanes[lane]
+        steps = int(record["judged_steps"])
+        judged = bool(record["truncated"]) and steps > 0
+        tip_rms = math.sqrt(record["tip_squares"] / steps) if judged else math.inf
+        tip_max = float(record["tip_max"]) if judged else math.inf
+        easy = tip_rms <= 2.0 * self.config.rms_tolerance and tip_max <= 2.0 * self.config.peak_tolerance
+        return {
+            "success_easy": easy,
+            "tip_rms": tip_rms,
+            "tip_max": tip_max,
+            "joint_rms": math.sqrt(record["joint_squares"] / (steps * self.arm.n_joints)) if judged else math.inf,
+            "waypoint_error": float(record["waypoint_error"]) if judged else math.inf,
+            "payload_mass": float(record["payload"]),
+            "friction_scale": float(record["friction_scale"]),
+            "torque_l1": float(record["torque_l1"]),
+            "peak_torque": float(record["peak_torque"]),
+            **self.limit_info(lane),
+        }
+
+    def motion_problem(self, observation: Observation) -> MotionProblem:
+        """Come to rest at the next waypoint when it is due, from where the reference is now.
+
+        What is measured is noisy, and to be brought to the reference by a controller in any case.
+
+        The arm is `planners.excavator.plane.planar_arm`, in the same joint angles, with a payload of 175 kg; 35 % of
+        its torque limits are kept for what it leaves out and for heavier loads.
+        """
+        seen = self.layout.parse(observation)
+        return MotionProblem(
+            arm=self.arm,
+            q=seen["joint_position"] + seen["reference_error"],
+            qd=seen["reference_velocity"],
+            qdd=seen["reference_acceleration"],
+            target=FixedJoints(seen["waypoint"]),
+            horizon=max(float(seen["waypoint_time"][0]), self.config.control_period),
+            limits=self._planning_limits,
+            payload=TYPICAL_PAYLOAD,
+        )
+
+    @property
+    def residual_scale(self) -> Array:
+        """What an action of 1 adds in residual mode, ``(n,)``, N m."""
+        scale: Array = RESIDUAL_SHARE * np.array(self.arm.limits.torque)
+        return scale
+
+    def empty_bucket_torque(self, seen: dict[str, Array]) -> Array:
+        """What the controller under a residual asks for before limits, of parsed observations ``(lanes, n)``, N m."""
+        reference = np.stack(
+            [
+                seen["joint_position"] + seen["reference_error"],
+                seen["reference_velocity"],
+                seen["reference_acceleration"],
+            ],
+            axis=1,
+        )
+        tau = np.empty_like(seen["joint_position"])
+        for lane, (q, qd) in enumerate(zip(seen["joint_position"], seen["joint_velocity"], strict=True)):
+            empty_bucket_torque(self.model[0], q, qd, reference[lane], tau[lane])
+        return tau
+
+    def hand_position(self, lane: int) -> Array:
+        """Where the tip of the tool is, ``(2,)``, m."""
+        tip: Array = self.lanes["tip"][lane].copy()
+        return tip
+
+    @property
+    def view(self) -> tuple[float, float, float, float]:
+        """Stretch of the plane a frame shows, m."""
+        return (-0.7, 4.3, -1.6, 3.6)
+
+    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this lane shows."""
+        record = self.lanes[lane]
+        joints = self.arm.joint_positions(record["q"])
+        joints[-1] = record["tip"]
+        error, judged = float(record["tip_error"]), int(record["judged_steps"])
+        rms = math.sqrt(record["tip_squares"] / max(1, judged))
+        ratios = self.limit_info(lane)["limit_ratios"]
+        return Scene(
+            joints=joints,
+            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
+            time=int(record["step"]) * self.config.control_period,
+            horizon=self.config.horizon,
+            title=self.env_id,
+            target=record["wanted_tip"].copy(),
+            trail=np.array(trail),
+            status=(
+                ("tip error", f"{1e3 * error:.1f} mm", error <= self.config.peak_tolerance),
+                (
+                    "rms when judged",
+                    f"{1e3 * rms:.1f} mm" if judged else "-",
+                    judged > 0 and rms <= self.config.rms_tolerance,
+                ),
+                ("load", f"{float(record['load']):.0f} kg", True),
+            ),
+            bucket=float(record["load"]) / excavator_reference.HEAVIEST,
+            ground=0.0,
+            limit_gauges=(("velocity", ratios["velocity"]),),
+            settled=bool(record["success"]),
+        )
+
+    def _given_waypoints(self, options: ExcavatorPayloadOptions) -> Waypoints | None:
+        if options.waypoints is None and options.arrival_times is not None:
+            raise ValueError("arrival_times are given without waypoints; give both")
+        if options.waypoints is not None:
+            return given_waypoints(self.model, np.array(options.waypoints), options.arrival_times)
+        return work_cycle(self.model, self.config.horizon) if options.scenario == "cycle" else None
+
+
+class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
+    __doc__ = f"""Follow a motion with boom, arm and bucket of an excavator that holds a load nobody has weighed.
+
+    After "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator". The
+    machine is the attachment of `planners.excavator` in its vertical plane: boom 2.45 m, arm 1.40 m, bucket with its
+    tip 0.65 m from its joint; 270, 165 and 180 kg; the base of the boom 0.9 m above the ground. Joint angles are those
+    of the attachment's joints 2 to 4. Centres of mass are off the links' axes, and the joints have viscous friction
+    (1200, 700 and 250 N m s/rad).
+
+    Hidden in every episode, and found in no observation: the load (0 to 350 kg, uniform), where its centre is in the
+    bucket (off by up to 0.10 m and 0.08 m along either axis), and a factor of 0.7 to 1.5 on the friction. A controller
+    that takes the bucket for empty is 10 to 50 cm off with a heavy load.
+
+    ## Action
+    Three numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
+
+    * `"torque"`: shares of the torque limits, 45, 22 and 10 kN m.
+    * `"residual"`: shares of 18, 8.8 and 3 kN m, added to the torque of Slotine and Li's controller for the empty
+      bucket, without adaptation (`planners.control.SlotineLi`); the sum is clipped at the limits.
+
+    ## Observation
+    Each element is a physical value divided by a fixed scale, clipped at the bound. Angles and velocities are measured
+    with noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none).
+
+{LAYOUT.table()}
+
+    At the start `last_torque` is what holds the empty machine.
+
+    ## Reference
+    Quintics from rest to rest through waypoints drawn in boom [-10, 55], arm [-110, -40] and bucket [-20, 70] deg. Each
+    way takes 1 to 1.5 times the larger of 1.2 s and what 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s) allow; it is
+    drawn again where inverse dynamics with 350 kg ask for more than 85 % of a torque limit. The episode starts at rest
+    in the first waypoint.
+    `reset(options={{"scenario": "cycle"}})` is the lifting cycle of `planners.excavator.motion.WORK_CYCLE`, over and
+    over; `waypoints` and `arrival_times` set the motion by hand, and `payload`, `payload_offset` and `friction_scale`
+    what is hidden. A motion that the machine cannot make with 350 kg is refused with the reason.
+
+    ## Reward
+    The sum of three terms, which `info["reward_terms"]` holds. An episode without any error is worth {FULL_REWARD:g},
+    which its steps share equally:
+
+    * `tracking`: a step's share times 1 - error / `reward_distance` (0.1 m), not below 0; the error is that of the tip
+      of the bucket as it really is, from where the reference has it.
+    * `smoothness`: minus a step's share times `smoothness_weight` x the square of the change of the action.
+    * `failure`: minus `failure_penalty` (2) where the episode ends early. All that the steps left could cost is 1.2, so
+      it never pays.
+
+    ## Level
+    `level=2`: the drives follow the commanded torque with a lag of 30 ms, and the bucket is empty at first, picks the
+    load up at a time drawn from 3 to 5 s, and drops it between 8 and 9 s (shares of a `horizon` other than 12 s).
+
+    ## End
+    Truncated after `horizon` (12 s). Terminated, as a failure, where a joint is faster than 6 rad/s or 30 deg outside
+    the range of the waypoints. Success: over the last two thirds of the episode (after 4 s) the root mean square of the
+    tip error is at most 5 mm, and the largest at most 15 mm. On level 2 the sixth of the episode (2 s) after the load
+    has changed is not judged either.
+
+    ## Info
+    | Key | When | Meaning |
+    |---|---|---|
+    | `is_success` | always | whether the episode is over and was within both tolerances |
+    | `reward_terms` | always | the three terms |
+    | `success_easy` | at the end | whether it was within twice the tolerances |
+    | `tip_rms` | at the end | root mean square of the tip error when judged, m; inf after a failure, like these: |
+    | `tip_max` | at the end | largest tip error when judged, m |
+    | `joint_rms` | at the end | root mean square of the joints' errors when judged, rad |
+    | `waypoint_error` | at the end | largest distance of the tip from a waypoint when it was due, when judged, m |
+    | `payload_mass` | at the end | the load, kg |
+    | `friction_scale` | at the end | the factor on the friction |
+    | `torque_l1` | at the end | integral of the summed absolute commanded torques, N m s |
+    | `peak_torque` | at the end | largest commanded torque of any joint, N m |
+    | `limit_ratio` | at the end | worst value / limit of all kinds |
+    | `limit_ratios` | at the end | worst value / limit of each kind |
+
+    ## Arguments
+    The fields of `ExcavatorPayloadConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
+    `lightest`, `level`, `noise`, `rms_tolerance`, `peak_tolerance`, `reward_distance`, `smoothness_weight`,
+    `failure_penalty`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    task_type = ExcavatorPayload
+
+
+class ExcavatorPayloadVectorEnv(PlanarArmVectorEnv):
+    """ExcavatorPayload-v0 over a batch of lanes; `ExcavatorPayloadEnv` documents the task."""
+
+    task_type = ExcavatorPayload

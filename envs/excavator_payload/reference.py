@@ -1,0 +1,225 @@
+"""The motion that ExcavatorPayload asks for: quintics from rest to rest through waypoints, drawn or given by hand.
+
+Every way between two waypoints is one that the machine can make with the heaviest load: that is checked by inverse
+dynamics along it. A way that fails is drawn again; when the numbers drawn for an episode are used up, the machine
+stands still for the rest of it, so that drawing always ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from envs.excavator_payload.world import N_JOINTS
+from envs.physics.world import Records
+from planners.excavator.machine import EXCAVATOR
+from planners.excavator.motion import WORK_CYCLE
+from planners.excavator.newton_euler import torque_lane
+from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
+from planners.typing import Array
+
+LOWEST = np.radians([-10.0, -110.0, -20.0])
+HIGHEST = np.radians([55.0, -40.0, 70.0])
+"""Where waypoints are drawn: angles of boom, arm and bucket, rad."""
+
+HEAVIEST = 350.0
+"""Load with which every way must be possible, kg."""
+
+TORQUE_SHARE, SPEED_SHARE = 0.85, 0.85
+"""Of the limits, used by what is drawn."""
+LEAST_TIME = 1.2
+"""Of a way between two waypoints, s."""
+LONGEST_STRETCH = 1.5
+"""Factor up to which a way is slower than it need be."""
+
+QUINTIC_PEAK = 1.875
+"""Peak speed of a quintic from rest to rest over its mean speed."""
+
+LOOKAHEAD = (0.1, 0.2, 0.4)
+"""How far ahead the reference is observed, s."""
+
+_SAMPLES = 16
+_TRIES_A_WAY = 5
+
+LONGEST_HORIZON = 60.0
+"""Of an episode, s."""
+MOST_WAYPOINTS = math.ceil((LONGEST_HORIZON + max(LOOKAHEAD)) / LEAST_TIME) + 2
+
+LANE_FIELDS: list[tuple[Any, ...]] = [
+    ("waypoints", "f8", (MOST_WAYPOINTS, N_JOINTS)),
+    ("due", "i8", (MOST_WAYPOINTS,)),
+    ("n_waypoints", "i8"),
+]
+"""What a lane's record holds of its reference: where, and after how many control periods."""
+
+MODEL_FIELDS: list[tuple[Any, ...]] = [
+    ("chain_frames", "f8", (N_JOINTS, 4)),
+    ("chain_gravity", "f8", (3,)),
+    ("chain_inertia", "f8", (N_JOINTS, 10)),
+    ("chain_drives", "f8", (N_JOINTS, 2)),
+    ("heaviest", "f8", (10,)),
+]
+"""What the model record holds of the dynamics that a controller knows, and the heaviest load."""
+
+
+def numbers_needed(horizon: float) -> tuple[int, int]:
+    """Shape of the random numbers from which a reference of ``horizon`` s is drawn."""
+    return _TRIES_A_WAY * math.ceil(1.0 + horizon / LEAST_TIME), N_JOINTS + 1
+
+
+def fill_dynamics(model: Records) -> None:
+    """Write `MODEL_FIELDS` of the model record."""
+    dynamics = planar_dynamics(EXCAVATOR)
+    model["chain_frames"], model["chain_gravity"] = dynamics.frames, dynamics.gravity
+    model["chain_inertia"], model["chain_drives"] = dynamics.inertia, dynamics.drives
+    model["heaviest"] = planar_payload(HEAVIEST)
+
+
+class Waypoints(NamedTuple):
+    """Joint angles ``(k, 3)``, rad, and the control periods after which each is due, ``(k,)``."""
+
+    angles: Array
+    due: NDArray[np.int64]
+
+    def write(self, record: Any) -> None:
+        """Make them the reference of a lane's record."""
+        count = len(self.due)
+        record["waypoints"][:count], record["due"][:count], record["n_waypoints"] = self.angles, self.due, count
+
+
+def work_cycle(model: Records, horizon: float) -> Waypoints:
+    """Boom, arm and bucket of `planners.excavator.motion.WORK_CYCLE`, over and over for ``horizon`` s."""
+    rounds = math.ceil((horizon + max(LOOKAHEAD)) / WORK_CYCLE.period)
+    angles = np.tile(WORK_CYCLE.postures[:, JOINTS], (rounds, 1))
+    times = np.cumsum(np.tile(WORK_CYCLE.durations, rounds))
+    due = np.concatenate([[0], np.rint(times / model["control_period"][0])]).astype(np.int64)
+    return Waypoints(np.vstack([angles, angles[:1]]), due)
+
+
+def given_waypoints(model: Records, angles: Array, times: Sequence[float] | None) -> Waypoints:
+    """Waypoints by hand, once it is known that the machine can follow them with the heaviest load.
+
+    Args:
+        model: the model record.
+        angles: of the waypoints, ``(k, 3)``, rad; the first is where the episode starts.
+        times: when the others are due, s; when left out as soon as `SPEED_SHARE` of the speed limits allows.
+
+    Raises:
+        ValueError: if a waypoint is out of its range, a time is no whole number of control periods or no later than
+            the one before, or a way asks more than the limits allow.
+    """
+    period = float(model["control_period"][0])
+    if not 2 <= len(angles) <= MOST_WAYPOINTS:
+        raise ValueError(
+            f"{len(angles)} waypoints; give 2 to {MOST_WAYPOINTS}, the first being where the episode starts"
+        )
+    for number, posture in enumerate(angles):
+        if not ((posture >= LOWEST - 1e-9) & (posture <= HIGHEST + 1e-9)).all():
+            ranges = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in zip(LOWEST, HIGHEST, strict=True))
+            raise ValueError(f"waypoint {number} {posture.tolist()} rad is outside the ranges {ranges} rad")
+    ways = list(pairwise(angles))
+    if times is None:
+        durations = [math.ceil(quickest_time(model[0], *way) / period - 1e-9) for way in ways]
+    else:
+        durations = _whole_durations(times, len(ways), period)
+    for number, (way, steps) in enumerate(zip(ways, durations, strict=True), start=1):
+        torque, speed = examine_way(model[0], *way, steps * period)
+        if max(torque, speed) > 1.0 + 1e-9:
+            raise ValueError(
+                f"the way to waypoint {number} in {steps * period:g} s needs {torque:.2f} of a torque limit with "
+                f"{HEAVIEST:g} kg and {speed:.2f} of a speed limit; give it more time"
+            )
+    return Waypoints(angles, np.concatenate([[0], np.cumsum(durations)]).astype(np.int64))
+
+
+def _whole_durations(times: Sequence[float], ways: int, period: float) -> list[int]:
+    """Control periods between one arrival time and the next."""
+    if len(times) != ways:
+        raise ValueError(f"{len(times)} arrival_times for {ways + 1} waypoints; give one for each after the first")
+    due = np.array(times) / period
+    if (np.abs(due - np.rint(due)) > 1e-6).any():
+        raise ValueError(f"arrival_times {list(times)} s must be multiples of the control period, {period:g} s")
+    durations: list[int] = np.diff(np.rint(due), prepend=0.0).astype(np.int64).tolist()
+    if min(durations) < 1:
+        raise ValueError(f"arrival_times {list(times)} s must be positive and grow")
+    return durations
+
+
+@njit(cache=True, nogil=True)
+def draw_reference(lanes: Any, model: Any, index: int, numbers: Array) -> None:
+    """Draw the waypoints of one lane from uniform ``numbers``, of `numbers_needed`."""
+    lane, shared = lanes[index], model[0]
+    waypoints, due = lane.waypoints, lane.due
+    wanted = shared.horizon_steps + LOOKAHEAD[2] / shared.control_period
+    waypoints[0] = LOWEST + numbers[0, :N_JOINTS] * (HIGHEST - LOWEST)
+    due[0] = 0
+    row = count = 1
+    while due[count - 1] < wanted and count < waypoints.shape[0]:
+        before = waypoints[count - 1]
+        steps = math.ceil(LEAST_TIME / shared.control_period - 1e-9)
+        waypoints[count] = before
+        while row < numbers.shape[0]:
+            candidate = LOWEST + numbers[row, :N_JOINTS] * (HIGHEST - LOWEST)
+            stretch = 1.0 + (LONGEST_STRETCH - 1.0) * numbers[row, N_JOINTS]
+            row += 1
+            drawn = math.ceil(stretch * quickest_time(shared, before, candidate) / shared.control_period - 1e-9)
+            torque, _ = examine_way(shared, before, candidate, drawn * shared.control_period)
+            if torque <= TORQUE_SHARE:
+                waypoints[count], steps = candidate, drawn
+                break
+        due[count] = due[count - 1] + steps
+        count += 1
+    lane.n_waypoints = count
+
+
+@njit(cache=True, nogil=True)
+def quickest_time(model: Any, start: Array, end: Array) -> float:
+    """Time of a way that uses `SPEED_SHARE` of the speed limits, and is no shorter than `LEAST_TIME`, s."""
+    time = LEAST_TIME
+    for i in range(start.shape[0]):
+        time = max(time, QUINTIC_PEAK * abs(end[i] - start[i]) / (SPEED_SHARE * model.limits[1, i]))
+    return time
+
+
+@njit(cache=True, nogil=True)
+def examine_way(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
+    """What a way asks of the machine with the heaviest load: worst torque over limit, and worst speed over limit."""
+    n = start.shape[0]
+    chain = (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
+    motion, tau = np.empty((3, n)), np.empty(n)
+    torque = speed = 0.0
+    for sample in range(_SAMPLES + 1):
+        follow_way(start, end, sample / _SAMPLES, duration, motion)
+        torque_lane(chain, model.heaviest, motion[0], motion[1], motion[1], motion[2], tau)
+        for i in range(n):
+            torque = max(torque, abs(tau[i]) / model.limits[0, i])
+            speed = max(speed, abs(motion[1, i]) / model.limits[1, i])
+    return torque, speed
+
+
+@njit(cache=True, nogil=True)
+def reference_at(lane: Any, model: Any, step: float, motion: Array) -> None:
+    """Reference after ``step`` control periods, written to ``motion`` ``(3, n)``: angle, velocity, acceleration."""
+    due, leg, last = lane.due, 1, lane.n_waypoints - 1
+    while leg < last and step >= due[leg]:
+        leg += 1
+    steps = due[leg] - due[leg - 1]
+    share = min(1.0, (step - due[leg - 1]) / steps)
+    follow_way(lane.waypoints[leg - 1], lane.waypoints[leg], share, steps * model.control_period, motion)
+
+
+@njit(cache=True, nogil=True)
+def follow_way(start: Array, end: Array, share: float, duration: float, motion: Array) -> None:
+    """The quintic from rest to rest at a ``share`` of its duration, written to ``motion``."""
+    s = share
+    for i in range(start.shape[0]):
+        change = end[i] - start[i]
+        motion[0, i] = start[i] + change * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+        motion[1, i] = change / duration * 30.0 * s * s * (1.0 - s) * (1.0 - s)
+        motion[2, i] = change / (duration * duration) * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)

@@ -1,0 +1,161 @@
+"""The physics of boom, arm and bucket: centres of mass off the links' axes, friction, lag, and a load that changes.
+
+The bodies and joints are those of `envs.physics.world`, and so is the step. A body's own frame is its link's frame
+here, with
+the origin at its joint, and Chipmunk is told where in it the centre of mass is: a load moves that centre, and neither
+the frame nor the joint.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from envs.physics import chipmunk
+from envs.physics.world import Records, read_joint_state, remove_joints, renew_joint, step_physics
+from planners.excavator.machine import EXCAVATOR, Excavator
+from planners.excavator.plane import JOINTS, planar_bodies
+
+N_JOINTS = 3
+
+LANE_FIELDS: list[tuple[Any, ...]] = [
+    ("load", "f8"),
+    ("load_inertia", "f8"),
+    ("load_offset", "f8", (2,)),
+    ("friction_scale", "f8"),
+    ("bucket_com", "f8", (2,)),
+    ("drive_torque", "f8", (N_JOINTS,)),
+]
+"""What a lane's record holds for the physics: its load (mass, inertia, offset of its centre) and its drives."""
+
+MODEL_FIELDS: list[tuple[Any, ...]] = [
+    ("body_masses", "f8", (N_JOINTS,)),
+    ("body_coms", "f8", (N_JOINTS, 2)),
+    ("body_inertias", "f8", (N_JOINTS,)),
+    ("load_com", "f8", (2,)),
+    ("tip_place", "f8", (2,)),
+    ("friction", "f8", (N_JOINTS,)),
+    ("lag_left", "f8"),
+    ("lag_mean", "f8"),
+]
+"""What the model record holds for the physics: the machine, and what of a lag is left after a step and over it."""
+
+
+def fill_machine(model: Records, lag: float, machine: Excavator = EXCAVATOR) -> None:
+    """Write `MODEL_FIELDS` of the model record, whose physics step is already there; ``lag`` of the drives in s."""
+    bodies = planar_bodies(machine)
+    model["body_masses"], model["body_coms"], model["body_inertias"] = bodies.masses, bodies.coms, bodies.inertias
+    model["load_com"], model["tip_place"] = bodies.payload_com, bodies.tip
+    model["friction"] = machine.friction_array[JOINTS]
+    steps = float(model["physics_step"][0]) / lag if lag > 0.0 else math.inf
+    model["lag_left"] = math.exp(-steps)
+    model["lag_mean"] = -math.expm1(-steps) / steps if lag > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def place_links(lane: Any, model: Any) -> None:
+    """Put the bodies of one lane, load included, where ``lane.q`` and ``lane.qd`` say, with joints without a memory."""
+    n = lane.q.shape[0]
+    for i in range(n - 1):
+        chipmunk.body_set_mass(lane.links[i], model.body_masses[i])
+        chipmunk.body_set_moment(lane.links[i], model.body_inertias[i])
+        chipmunk.body_set_center_of_gravity(lane.links[i], model.body_coms[i, 0], model.body_coms[i, 1])
+    _weigh_bucket(lane, model)
+    phi = w = vx = vy = 0.0
+    x, y = model.base[0], model.base[1]
+    for i in range(n):
+        phi += lane.q[i]
+        w += lane.qd[i]
+        com_x, com_y = model.body_coms[i, 0], model.body_coms[i, 1]
+        if i == n - 1:
+            com_x, com_y = lane.bucket_com[0], lane.bucket_com[1]
+        length = model.lengths[i]
+        earlier = phi - w * model.position_lag
+        cos_now, sin_now = math.cos(phi), math.sin(phi)
+        chipmunk.body_set_angle(lane.links[i], earlier)
+        chipmunk.body_set_angular_velocity(lane.links[i], w)
+        chipmunk.body_set_position(lane.links[i], x, y)
+        along, across = com_x * cos_now - com_y * sin_now, com_x * sin_now + com_y * cos_now
+        chipmunk.body_set_velocity(lane.links[i], vx - w * across, vy + w * along)
+        x += length * math.cos(earlier)
+        y += length * math.sin(earlier)
+        vx -= length * w * sin_now
+        vy += length * w * cos_now
+    remove_joints(lane)
+    for i in range(n):
+        renew_joint(lane, model, i, model.lengths[i - 1] if i > 0 else 0.0, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def change_load(lane: Any, model: Any) -> None:
+    """Let the bucket go on as it moves with another load, ``lane.load`` and ``lane.load_inertia``."""
+    bucket = lane.links[lane.q.shape[0] - 1]
+    x, y = chipmunk.body_get_position(bucket)
+    vx, vy = chipmunk.body_get_velocity(bucket)
+    old_x, old_y = lane.bucket_com[0], lane.bucket_com[1]
+    _weigh_bucket(lane, model)
+    # The centre of mass has jumped: without these two lines the frame would instead, and the centre keep its velocity.
+    chipmunk.body_set_position(bucket, x, y)
+    phi, w = chipmunk.body_get_angle(bucket), chipmunk.body_get_angular_velocity(bucket)
+    phi += w * model.position_lag
+    dx, dy = lane.bucket_com[0] - old_x, lane.bucket_com[1] - old_y
+    along, across = dx * math.cos(phi) - dy * math.sin(phi), dx * math.sin(phi) + dy * math.cos(phi)
+    chipmunk.body_set_velocity(bucket, vx - w * across, vy + w * along)
+
+
+@njit(cache=True, nogil=True)
+def _weigh_bucket(lane: Any, model: Any) -> None:
+    """Make the last body bucket and load in one."""
+    last = lane.q.shape[0] - 1
+    mass = model.body_masses[last] + lane.load
+    inertia = model.body_inertias[last] + lane.load_inertia
+    apart = 0.0
+    for axis in range(2):
+        load_com = model.load_com[axis] + lane.load_offset[axis]
+        bucket_com = model.body_coms[last, axis]
+        lane.bucket_com[axis] = (model.body_masses[last] * bucket_com + lane.load * load_com) / mass
+        apart += (load_com - bucket_com) ** 2
+    inertia += model.body_masses[last] * lane.load / mass * apart
+    chipmunk.body_set_mass(lane.links[last], mass)
+    chipmunk.body_set_moment(lane.links[last], inertia)
+    chipmunk.body_set_center_of_gravity(lane.links[last], lane.bucket_com[0], lane.bucket_com[1])
+
+
+@njit(cache=True, nogil=True)
+def advance_links(lane: Any, model: Any) -> None:
+    """Advance one lane by one control period under the commanded torques ``lane.tau``; updates q and qd.
+
+    The drives follow the command with their lag; the friction of the joints is taken off in every physics step.
+    """
+    n = lane.q.shape[0]
+    net = np.empty(n)
+    for _ in range(model.substeps):
+        inner_speed = 0.0
+        for i in range(n):
+            speed = chipmunk.body_get_angular_velocity(lane.links[i])
+            short = lane.drive_torque[i] - lane.tau[i]
+            lane.drive_torque[i] = lane.tau[i] + model.lag_left * short
+            friction = lane.friction_scale * model.friction[i] * (speed - inner_speed)
+            net[i] = lane.tau[i] + model.lag_mean * short - friction
+            inner_speed = speed
+        step_physics(lane, model, net)
+    read_joint_state(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def tip_of(model: Any, q: Any, tip: Any) -> None:
+    """Position of the tip of the tool at joint angles ``q``, written to ``tip`` ``(2,)``, m."""
+    n = q.shape[0]
+    phi = 0.0
+    x, y = model.base[0], model.base[1]
+    for i in range(n - 1):
+        phi += q[i]
+        x += model.lengths[i] * math.cos(phi)
+        y += model.lengths[i] * math.sin(phi)
+    phi += q[n - 1]
+    cos_phi, sin_phi = math.cos(phi), math.sin(phi)
+    tip[0] = x + model.tip_place[0] * cos_phi - model.tip_place[1] * sin_phi
+    tip[1] = y + model.tip_place[0] * sin_phi + model.tip_place[1] * cos_phi

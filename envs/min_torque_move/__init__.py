@@ -1,0 +1,1 @@
+"""MinTorqueMove-v0: its environment, kernels, random moves, experts and card."""

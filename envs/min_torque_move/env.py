@@ -1,0 +1,290 @@
+"""MinTorqueMove: bring a three-link arm from rest to rest in a given time, spending as little torque as possible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.min_torque_move.kernels import LANE_FIELDS, MODEL_FIELDS, SHAPE_SCALE, advance_lanes, reset_lane
+from envs.min_torque_move.moves import Move, random_move
+from envs.observation import Entry, Layout, Observation
+from envs.physics.actuation import ControlMode
+from envs.rendering import Scene
+from envs.settings import Settings
+from envs.task import Options, Task, TaskSettings
+from planners import PLANAR_3R, FixedJoints, Infeasible, MotionProblem, lagrange, quintic
+from planners.control import Gains
+from planners.motion.rest_curve import SHAPES
+from planners.robot.arm import Arm
+
+Angles = tuple[float, float, float]
+
+
+class MinTorqueMoveConfig(TaskSettings):
+    """Settings of MinTorqueMove-v0, beside those of every task.
+
+    Attributes:
+        gravity: along -y, m/s^2; 0 for the horizontal plane, 9.81 for a vertical one.
+        horizon: longest move that is drawn, s.
+        angle_tolerance: largest error of a joint angle at the end that counts as reached, rad.
+        velocity_tolerance: largest joint velocity at the end that counts as at rest, rad/s.
+        limit_tolerance: share by which a joint range may be exceeded before it counts as broken.
+        limit_penalty: cost of one control period outside a joint range; twice that where by 100 % or more.
+        miss_penalty: cost of ending just outside the tolerances; twice that where far outside.
+    """
+
+    control_mode: Literal["torque", "motion"] = "torque"
+    control_period: float = Field(0.005, gt=0.0)
+    physics_step: float = Field(0.001, gt=0.0)
+    horizon: float = Field(3.0, gt=0.0, le=60.0)
+    payload: float = Field(0.0, ge=0.0, le=10.0)
+    gravity: float = Field(0.0, ge=0.0, le=30.0)
+    angle_tolerance: float = Field(0.02, gt=0.0)
+    velocity_tolerance: float = Field(0.05, gt=0.0)
+    limit_tolerance: float = Field(0.005, ge=0.0)
+    limit_penalty: float = Field(2.0, ge=0.0)
+    miss_penalty: float = Field(2.0, ge=0.0)
+
+
+class MinTorqueMoveOptions(Settings):
+    """Options of ``reset``: what is left out is drawn (``"random"``) or the paper's (``"paper"``).
+
+    Attributes:
+        scenario: ``"random"`` or ``"paper"``: (0, 0, 0) -> (1, 0, 0) rad in 1 s.
+        start: joint angles at the start, rad.
+        goal: joint angles to reach, rad.
+        duration: time for the move, s; a multiple of the control period.
+    """
+
+    scenario: Literal["random", "paper"] = "random"
+    start: Angles | None = None
+    goal: Angles | None = None
+    duration: float | None = Field(None, gt=0.0)
+
+
+PAPER_MOVE = Move(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0)
+"""The move of the paper's examples, made one from rest to rest."""
+
+LAYOUT = Layout(
+    (
+        Entry("joint_position", 3, math.pi, 4.0, "rad", "angles of the joints"),
+        Entry("joint_velocity", 3, 5.0, 20.0, "rad/s", "their velocities"),
+        Entry("joint_acceleration", 3, 20.0, 100.0, "rad/s^2", "their mean accelerations over the last control period"),
+        Entry("goal", 3, math.pi, 4.0, "rad", "angles to reach"),
+        Entry("goal_error", 3, 1.0, 20.0, "rad", "from the angles to the goal"),
+        Entry("torque_limit", 3, 20.0, 10.0, "N m", "largest torque of each joint"),
+        Entry("time_left", 1, 1.0, 60.0, "s", "until the move must be done"),
+        Entry("quintic_torque", 1, 10.0, 100.0, "N m", "summed absolute torque of the quintic, mean over the move"),
+    )
+)
+"""What an observation of MinTorqueMove-v0 holds."""
+
+
+class MinTorqueMove(Task):
+    """The minimal-torque move over a batch of lanes; `MinTorqueMoveEnv` documents it."""
+
+    env_id: ClassVar[str] = "MinTorqueMove-v0"
+    layout = LAYOUT
+    reward_terms: ClassVar[tuple[str, ...]] = ("effort", "goal", "limits")
+    config: MinTorqueMoveConfig
+
+    def __init__(self, config: MinTorqueMoveConfig, n_lanes: int) -> None:
+        arm = replace(PLANAR_3R, gravity=config.gravity)
+        super().__init__(config, arm, n_lanes, extra_lane=LANE_FIELDS, extra_model=MODEL_FIELDS)
+        gains = Gains.sampled(config.control_period)
+        self.model["position_gain"], self.model["velocity_gain"] = gains.position, gains.velocity
+        self.model["whole_motion"] = config.control_mode == "motion"
+        self._copy_settings("angle_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty", "miss_penalty")
+
+    @staticmethod
+    def action_size(config: Any, arm: Arm) -> int:
+        """Numbers in an action: a torque a joint, or all coefficients of a motion."""
+        return arm.n_joints * (SHAPES if config.control_mode == "motion" else 1)
+
+    @staticmethod
+    def actuation_mode(config: Any) -> ControlMode:
+        """A motion is followed by torques."""
+        return "torque"
+
+    @classmethod
+    def make(cls, config: Mapping[str, Any], n_lanes: int) -> MinTorqueMove:
+        """The task from settings by name; unknown names are refused."""
+        return cls(MinTorqueMoveConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+
+    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
+        """Begin an episode in some lanes; see `MinTorqueMoveOptions`.
+
+        Raises:
+            ValueError: for unknown options, or a move that cannot be made; nothing has changed then.
+        """
+        chosen = MinTorqueMoveOptions.parse(options, f"{self.env_id} option")
+        moves = [self._move(generator, chosen) for generator in generators]
+        for lane, move in zip(lanes, moves, strict=True):
+            record = self.lanes[lane]
+            record["q"], record["goal"] = move.start, move.goal
+            record["duration_steps"] = round(move.duration / self.config.control_period)
+            reset_lane(self.lanes, self.model, lane)
+
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance lanes ``first`` to ``last - 1`` by one control period."""
+        advance_lanes(self.lanes, self.model, first, last)
+
+    def episode_info(self, lane: int) -> dict[str, Any]:
+        """Torque spent, its ratio to the quintic's, errors at the end and limit ratios of a lane's episode."""
+        record = self.lanes[lane]
+        names = ("torque_l1", "torque_l2", "angle_error", "velocity_error", "peak_torque")
+        return {
+            **{name: float(record[name]) for name in names},
+            "quintic_ratio": float(record["torque_l1"] / record["quintic_l1"]),
+            **self.limit_info(lane),
+        }
+
+    def motion_problem(self, observation: Observation) -> MotionProblem:
+        """Come to rest at the goal when the time is over, from the observed joint state."""
+        seen = self.layout.parse(observation)
+        return MotionProblem(
+            arm=self.arm,
+            q=seen["joint_position"],
+            qd=seen["joint_velocity"],
+            qdd=seen["joint_acceleration"],
+            target=FixedJoints(seen["goal"]),
+            horizon=max(float(seen["time_left"][0]), self.config.control_period),
+        )
+
+    @property
+    def view(self) -> tuple[float, float, float, float]:
+        """Stretch of the plane a frame shows, m."""
+        return (-0.95, 0.95, -0.9, 0.9)
+
+    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this lane shows."""
+        record = self.lanes[lane]
+        period = self.config.control_period
+        angle, velocity = float(record["angle_error"]), float(record["velocity_error"])
+        ratio = float(record["torque_l1"] / record["quintic_l1"])
+        return Scene(
+            joints=self.arm.joint_positions(record["q"]),
+            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
+            time=int(record["step"]) * period,
+            horizon=int(record["duration_steps"]) * period,
+            title=self.env_id,
+            target=self.arm.forward_kinematics(record["goal"]),
+            trail=np.array(trail),
+            status=(
+                ("angle error", f"{angle:.3f} rad", angle <= self.config.angle_tolerance),
+                ("velocity", f"{velocity:.3f} rad/s", velocity <= self.config.velocity_tolerance),
+                ("torque / quintic's", f"{100.0 * ratio:.0f} %", ratio <= 1.0),
+            ),
+            limit_gauges=(("joint range", self.limit_info(lane)["limit_ratios"]["angle"]),),
+            settled=bool(record["success"]),
+        )
+
+    def _move(self, generator: np.random.Generator, options: MinTorqueMoveOptions) -> Move:
+        """A move drawn or given, and one that can be made in either case."""
+        given = options.model_dump(exclude={"scenario"}, exclude_none=True)
+        given.update({name: np.array(given[name]) for name in ("start", "goal") if name in given})
+        if options.scenario == "random" and not given:
+            return self._drawn(generator)
+        move = (PAPER_MOVE if options.scenario == "paper" else self._drawn(generator))._replace(**given)
+        self._require_possible(move)
+        return move
+
+    def _drawn(self, generator: np.random.Generator) -> Move:
+        return random_move(generator, self.arm, self.config.control_period, self.config.horizon)
+
+    def _require_possible(self, move: Move) -> None:
+        self._whole_periods("duration", move.duration)
+        if move.duration > self.config.horizon:
+            raise ValueError(f"duration {move.duration} s is longer than horizon {self.config.horizon} s; raise it")
+        for name, angles in (("start", move.start), ("goal", move.goal)):
+            if not (np.abs(angles) <= np.array(self.arm.limits.angle)).all():
+                ranges = ", ".join(f"{limit:.4g}" for limit in self.arm.limits.angle)
+                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, +-({ranges}) rad")
+        problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)
+        if quintic.plan(problem).limit_ratio > 1.0:
+            try:
+                lagrange.plan(problem)
+            except Infeasible as error:
+                raise ValueError(
+                    f"no motion within the limits goes from {move.start.tolist()} to {move.goal.tolist()} rad in "
+                    f"{move.duration:g} s: {error}"
+                ) from None
+
+
+class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
+    __doc__ = f"""Bring a three-link arm from rest to rest in a given time, spending as little torque as possible.
+
+    From L. P. Luo, S. W. Hwang and C. S. Han, "Trajectory planning for torque minimization of robot manipulators using
+    the Lagrange interpolation method". The arm (`planners.PLANAR_3R`: 0.2, 0.4 and 0.2 m; 1, 2 and 1 kg) moves in the
+    horizontal plane, or with `gravity=9.81` in a vertical one. The paper's own problem fixes no velocity at the ends
+    and is ill-posed; here the move is from rest to rest, with limits of torque and joint ranges of +-150 deg on
+    joints 2 and 3.
+
+    ## Action
+    Numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
+
+    * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
+    * `"motion"`: {SHAPES} coefficients for each joint in turn, in units of {SHAPE_SCALE:g}, {SHAPE_SCALE:g}/2, ...
+      rad, which bend the quintic from start to goal (`planners.motion.rest_curve`). The first action of an episode is
+      the whole motion: computed torque follows it to the end, and later actions are not looked at.
+      No expert acts in this mode.
+
+    ## Observation
+    Each element is a physical value divided by a fixed scale, clipped at the bound.
+
+{LAYOUT.table()}
+
+    ## Reward
+    The sum of three terms, which `info["reward_terms"]` holds:
+
+    * `effort`: minus the torque spent in the period, the integral of the summed absolute torques, divided by what a
+      quintic spends on the whole move: an episode's sum is -1 for a move as good as the quintic.
+    * `goal`: at the end, 0 within tolerance; otherwise minus `miss_penalty` x (1 to 2, by the logarithm of the error).
+      Missing the goal costs at least 2, twice what the quintic spends on reaching it, so it is never worth it.
+    * `limits`: for each control period outside a joint range, minus `limit_penalty` x (1 + excess, at most 2).
+
+    ## Start
+    `reset(options={{"scenario": "paper"}})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
+    goal and duration are drawn, long moves and folded postures among them, and the duration is such that the quintic,
+    which stays within the joint ranges, keeps the torque limits: that is how each is known to be solvable. `start`,
+    `goal` and `duration` set any of these by hand; what the planners cannot solve is refused with the reason.
+
+    ## End
+    Terminated when the duration is over: that is the end of the task, and the observation holds the time left.
+    Success: every joint within 0.02 rad of the goal and at 0.05 rad/s or less.
+
+    ## Info
+    | Key | When | Meaning |
+    |---|---|---|
+    | `is_success` | always | whether the goal has been reached at the end |
+    | `reward_terms` | always | the three terms |
+    | `torque_l1` | at the end | PI1, the integral of the summed absolute torques, N m s |
+    | `torque_l2` | at the end | PI2, the integral of the summed squared torques, N^2 m^2 s |
+    | `quintic_ratio` | at the end | PI1 over that of the quintic |
+    | `angle_error` | at the end | largest error of a joint angle, rad |
+    | `velocity_error` | at the end | largest joint velocity, rad/s |
+    | `peak_torque` | at the end | largest torque of any joint, N m |
+    | `limit_ratio` | at the end | worst value / limit of all kinds |
+    | `limit_ratios` | at the end | worst value / limit of each kind |
+
+    ## Arguments
+    The fields of `MinTorqueMoveConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
+    `gravity`, `angle_tolerance`, `velocity_tolerance`, `limit_tolerance`, `limit_penalty`, `miss_penalty`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    task_type = MinTorqueMove
+
+
+class MinTorqueMoveVectorEnv(PlanarArmVectorEnv):
+    """MinTorqueMove-v0 over a batch of lanes; `MinTorqueMoveEnv` documents the task."""
+
+    task_type = MinTorqueMove

@@ -1,0 +1,97 @@
+"""Random rest-to-rest moves that are known to be solvable: a quintic motion solves them with torque to spare.
+
+Start and goal are uniform over the joint ranges (so folded postures and long moves are among them); the time of the
+move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits. Along a quintic of duration T
+the torque is ``a(s) / T^2 + g(s)``, with ``s`` in [0, 1] and the weight ``g``, so the T that goes with a share follows
+in closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from planners.problem import FixedJoints, MotionProblem
+from planners.robot.arm import PLANAR_3R, Arm
+from planners.typing import Array
+
+LEAST_SHARE, MOST_SHARE = 0.3, 0.9
+"""Of the torque limits, that the quintic needs."""
+
+MOST_HELD = 0.8
+"""How much of that share the weight alone may take: the less is left to accelerate with, the longer the move lasts."""
+
+SHORTEST = 0.2
+"""Least time of a move, s; so short only where start and goal are close together."""
+
+_TRIES = 1000
+_S = np.linspace(0.0, 1.0, 33)
+_QUINTIC = _S**3 * (10.0 + _S * (-15.0 + 6.0 * _S))
+_SPEED = 30.0 * (_S * (1.0 - _S)) ** 2
+_ACCELERATION = 60.0 * _S * (1.0 - _S) * (1.0 - 2.0 * _S)
+
+
+class Move(NamedTuple):
+    """Rest at joint angles ``start`` to rest at ``goal``, ``(n,)`` each, rad, in ``duration``, s."""
+
+    start: Array
+    goal: Array
+    duration: float
+
+
+def random_move(
+    generator: np.random.Generator, arm: Arm = PLANAR_3R, period: float | None = None, longest: float = math.inf
+) -> Move:
+    """One random move of an arm.
+
+    Joints without a range start anywhere in [-pi, pi] and move by up to pi either way. Where standing still somewhere
+    on the way takes most of the share already, or the time becomes too long, another start and goal are drawn.
+
+    Args:
+        generator: where the randomness comes from.
+        arm: with finite torque limits; no others but joint ranges are looked at.
+        period: the duration is rounded up to a multiple of it, s; longer never takes more torque.
+        longest: duration allowed, s.
+
+    Raises:
+        ValueError: if the arm has a joint without torque limit, or hardly a move that fits.
+    """
+    torque, ranges = np.array(arm.limits.torque), np.array(arm.limits.angle)
+    if not np.isfinite(torque).all():
+        raise ValueError(f"{arm.name} has torque limits {arm.limits.torque}; they decide the time: all must be finite")
+    free = ~np.isfinite(ranges)
+    bound = np.where(free, np.pi, ranges)
+    for _ in range(_TRIES):
+        start = generator.uniform(-bound, bound)
+        goal = np.where(free, start, 0.0) + generator.uniform(-bound, bound)
+        share = generator.uniform(LEAST_SHARE, MOST_SHARE)
+        inertial, static = _quintic_torque(arm, start, goal)
+        room = share * torque - np.sign(inertial) * static
+        if (np.abs(static) > MOST_HELD * share * torque).any():
+            continue
+        duration = max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)))
+        if period is not None:
+            duration = period * math.ceil(duration / period)
+        if duration <= longest:
+            return Move(start, goal, duration)
+    raise ValueError(
+        f"{arm.name} can hold its own weight, and move within {longest} s, from and to hardly any posture; "
+        f"raise the torque limits {arm.limits.torque} or the time"
+    )
+
+
+def random_moves(n: int, seed: int, arm: Arm = PLANAR_3R) -> list[MotionProblem]:
+    """``n`` problems that `random_move` poses, the same for the same seed."""
+    generator = np.random.default_rng(seed)
+    moves = [random_move(generator, arm) for _ in range(n)]
+    return [MotionProblem(arm, move.start, FixedJoints(move.goal), move.duration) for move in moves]
+
+
+def _quintic_torque(arm: Arm, start: Array, goal: Array) -> tuple[Array, Array]:
+    """Torque of the quintic in 1 s without weight, and the weight on its way, ``(samples, n)`` each, N m."""
+    change = goal - start
+    q, still = start + _QUINTIC[:, None] * change, np.zeros((len(_S), len(start)))
+    static = arm.inverse_dynamics(q, still, still) if arm.gravity else still
+    return arm.inverse_dynamics(q, _SPEED[:, None] * change, _ACCELERATION[:, None] * change) - static, static

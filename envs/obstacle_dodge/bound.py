@@ -1,0 +1,121 @@
+"""The bound of ObstacleDodge-v0: how soon a motion that knows the obstacles' whole paths can be at the goal.
+
+Found by a search in space and time (:mod:`planners.motion.spacetime`) within the limits that planners are given, half
+of the arm's acceleration. ``python -m tools.dodge_bound`` stores the results of the first seeds in ``bound.json``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import envs  # noqa: F401  registers the environment
+from envs.obstacle_dodge.paths import PATH_STEP
+from planners.motion import spacetime
+from planners.typing import Array
+
+ENV_ID = "ObstacleDodge-v0"
+FILE = Path(__file__).with_name("bound.json")
+
+SETTINGS: dict[str, Any] = {"time_steps": [0.2, 0.1], "gap": 0.05, "margin": spacetime.MARGIN, "nodes": 2_000_000}
+"""Of `planners.motion.spacetime.search`."""
+
+LETTERS: dict[spacetime.Verdict, str] = {"found": "f", "exhausted": "x", "gave up": "?"}
+"""How the file writes verdicts, one letter a seed."""
+
+
+@dataclass
+class Bounds:
+    """What is known of the seeds 0, 1, 2, ...
+
+    Attributes:
+        recipe: how it was found.
+        verdicts: a letter a seed; see `LETTERS`.
+        time_to_goal: as the environment counts it, s; None without a motion.
+        lower_bound: times before which no motion of the finest lattice is there, s; None where none exists at all.
+    """
+
+    recipe: dict[str, Any]
+    verdicts: str = ""
+    time_to_goal: list[float | None] = field(default_factory=list)
+    lower_bound: list[float | None] = field(default_factory=list)
+
+
+def solve(env: Any, lane: int) -> spacetime.Answer:
+    """The earliest motion for the episode that a lane of a vector environment is at the start of."""
+    record, config, problem = env.task.lanes[lane], env.task.config, env.motion_problem(lane)
+    return spacetime.search(
+        problem.arm,
+        record["q"],
+        record["goal"],
+        env.task.obstacle_path(lane),
+        PATH_STEP,
+        record["radii"],
+        limits=problem.limits,
+        tolerance=config.tolerance,
+        hold=config.hold_time,
+        horizon=config.horizon,
+        **SETTINGS,
+    )
+
+
+def stored_bound(seeds: Sequence[int]) -> Array:
+    """Stored times to the goal, ``(len(seeds),)``, s.
+
+    inf where no motion exists at the lattice's resolution; NaN where none is known but none is ruled out, and where
+    nothing is stored.
+    """
+    bounds = load()
+    ruled_out = LETTERS["exhausted"]
+    times = [
+        math.inf if letter == ruled_out else math.nan if time is None else time
+        for letter, time in zip(bounds.verdicts, bounds.time_to_goal, strict=True)
+    ]
+    return np.array([times[seed] if 0 <= seed < len(times) else math.nan for seed in seeds])
+
+
+def time_to_goal(env: Any, lane: int, seed: int) -> float:
+    """The bound of the episode that a lane is at the start of, s: stored if it is the seed's own, else searched for.
+
+    inf where no motion was found.
+    """
+    stored = float(stored_bound([seed])[0])
+    if math.isnan(stored) or not _is_standard(env.task.lanes[lane], seed):
+        return as_seen(solve(env, lane), env) or math.inf
+    return stored
+
+
+def _is_standard(record: Any, seed: int) -> bool:
+    """Whether an episode is what the seed alone gives, without other settings or options."""
+    standard: Any = _standard_env().unwrapped
+    standard.reset(seed=seed)
+    own = standard.task.lanes[0]
+    names = ("q", "goal", "radii", "path")
+    return all(own[name].shape == record[name].shape and (own[name] == record[name]).all() for name in names)
+
+
+@lru_cache(maxsize=1)
+def _standard_env() -> gym.Env[Any, Any]:
+    return gym.make(ENV_ID)
+
+
+@lru_cache(maxsize=1)
+def load() -> Bounds:
+    """The stored result."""
+    return Bounds(**json.loads(FILE.read_text()))
+
+
+def as_seen(answer: spacetime.Answer, env: Any) -> float | None:
+    """The time to the goal by the environment's clock, which looks at the end of every control period only, s."""
+    if answer.trajectory is None:
+        return None
+    period: float = env.task.config.control_period
+    return round(math.ceil(answer.time_to_goal / period - 1e-6) * period, 6)

@@ -1,0 +1,272 @@
+"""ObstacleDodge: bring the hand to a goal and hold it there while a disc moves at random through the workspace."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.observation import Entry, Layout, Observation
+from envs.obstacle_dodge.kernels import MODEL_FIELDS, advance_lanes, lane_fields, reset_lane
+from envs.obstacle_dodge.paths import FARTHEST, FASTEST, NEAREST, PATH_STEP, SLOWEST, SPAWN_CLEARANCE
+from envs.obstacle_dodge.starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, ObstacleDodgeOptions
+from envs.rendering import Scene
+from envs.task import Options, Task, TaskSettings
+from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
+from planners.typing import Array
+
+
+class ObstacleDodgeConfig(TaskSettings):
+    """Settings of ObstacleDodge-v0, beside those of every task.
+
+    Attributes:
+        num_obstacles: how many discs there are.
+        tolerance: largest distance between hand and goal that counts as there, m.
+        hold_time: how long the hand must be there without a break for a success, s.
+        clearance_margin: clearance below which the clearance term begins, m.
+        clearance_weight: what a second costs with the arm all but touching a disc.
+        collision_penalty: cost of a collision.
+        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
+        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
+    """
+
+    control_mode: Literal["torque", "acceleration", "velocity"] = "torque"
+    horizon: float = Field(8.0, gt=0.0, le=60.0)
+    control_period: float = Field(0.02, gt=0.0)
+    physics_step: float = Field(0.0025, gt=0.0)
+    payload: float = Field(0.0, ge=0.0, le=10.0)
+    num_obstacles: int = Field(1, ge=1, le=4)
+    tolerance: float = Field(0.03, gt=0.0)
+    hold_time: float = Field(0.5, gt=0.0)
+    clearance_margin: float = Field(0.1, gt=0.0)
+    clearance_weight: float = Field(0.5, ge=0.0)
+    collision_penalty: float = Field(2.0, ge=0.0)
+    limit_tolerance: float = Field(0.005, ge=0.0)
+    limit_penalty: float = Field(0.1, ge=0.0)
+
+
+def layout(discs: int) -> Layout:
+    """What an observation of ObstacleDodge-v0 holds."""
+    return Layout(
+        (
+            Entry("joint_position", 2, math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_velocity", 2, 2.4, 10.0, "rad/s", "their velocities"),
+            Entry("joint_acceleration", 2, 10.0, 20.0, "rad/s^2", "their mean accelerations over the last period"),
+            Entry("hand", 2, 1.0, 2.0, "m", "position of the hand, from the base"),
+            Entry("goal", 2, 1.0, 2.0, "m", "position to reach, from the base"),
+            Entry("goal_error", 2, 1.0, 4.0, "m", "from the hand to the goal"),
+            Entry("obstacle", 2 * discs, 1.0, 10.0, "m", "position of each disc, from the base"),
+            Entry("obstacle_velocity", 2 * discs, 1.0, 10.0, "m/s", "velocity of each disc"),
+            Entry("obstacle_radius", discs, 0.1, 10.0, "m", "radius of each disc"),
+            Entry("posture_error", 4, 1.0, 8.0, "rad", "from the joints to both postures with the hand at the goal"),
+            Entry("obstacle_in_link", 4 * discs, 1.0, 10.0, "m", "position of each disc, in the frame of each link"),
+            Entry("obstacle_velocity_in_link", 4 * discs, 1.0, 10.0, "m/s", "velocity along the axes of each link"),
+            Entry("obstacle_acceleration", 2 * discs, 10.0, 2.0, "m/s^2", "of each disc, along the axes of link 1"),
+            Entry("link_clearance", 2 * discs, 0.5, 10.0, "m", "between the surfaces of each link and each disc"),
+            Entry("clearance", 1, 0.5, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
+            Entry("time_left", 1, 8.0, 10.0, "s", "until the episode ends"),
+            Entry("held", 1, 1.0, 1.0, "-", "share of the hold time for which the hand has been at the goal"),
+        )
+    )
+
+
+class ObstacleDodge(Task):
+    """The dodging task over a batch of lanes; `ObstacleDodgeEnv` documents it."""
+
+    env_id: ClassVar[str] = "ObstacleDodge-v0"
+    reward_terms: ClassVar[tuple[str, ...]] = ("progress", "goal", "clearance", "collision", "limits")
+    config: ObstacleDodgeConfig
+
+    def __init__(self, config: ObstacleDodgeConfig, n_lanes: int) -> None:
+        self.layout = layout(config.num_obstacles)
+        samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
+        fields = lane_fields(samples, config.num_obstacles)
+        super().__init__(config, SCARA_50CM, n_lanes, extra_lane=fields, extra_model=MODEL_FIELDS)
+        self.model["link_radius"] = self.arm.link_radius
+        self.model["hold_steps"] = self._hold_steps(config.hold_time)
+        self._copy_settings("tolerance", "clearance_margin", "clearance_weight", "collision_penalty")
+        self._copy_settings("limit_tolerance", "limit_penalty")
+        acceleration = 0.5 * np.array(self.arm.limits.acceleration)
+        self._planning_limits = replace(self.arm.limits, acceleration=tuple(acceleration.tolist()))
+        self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)
+
+    @classmethod
+    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ObstacleDodge:
+        """The task from settings by name; unknown names are refused."""
+        return cls(ObstacleDodgeConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+
+    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
+        """Begin an episode in some lanes; see `ObstacleDodgeOptions`.
+
+        Raises:
+            ValueError: for unknown options, or an episode that cannot be won; nothing has changed then.
+        """
+        chosen = ObstacleDodgeOptions.parse(options, f"{self.env_id} option")
+        if chosen.scenario == "paper":
+            given = chosen.model_dump(exclude={"scenario"}, exclude_none=True)
+            chosen = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
+        episodes = [self._starts.draw(generator, chosen) for generator in generators]
+        for lane, episode in zip(lanes, episodes, strict=True):
+            record = self.lanes[lane]
+            record["q"], record["goal"] = episode.start, episode.goal + self.arm.base_array
+            record["radii"], record["path"] = episode.radius, episode.path + self.arm.base_array
+            reset_lane(self.lanes, self.model, lane)
+
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance lanes ``first`` to ``last - 1`` by one control period."""
+        advance_lanes(self.lanes, self.model, first, last)
+
+    def episode_info(self, lane: int) -> dict[str, Any]:
+        """Collision, clearance, time to the goal and limit ratios of a lane's episode."""
+        record = self.lanes[lane]
+        since = int(record["step"]) - int(record["held_steps"]) + 1
+        return {
+            "collision": bool(record["collision"]),
+            "min_clearance": float(record["min_clearance"]),
+            "time_to_goal": since * self.config.control_period if record["success"] else math.inf,
+            "goal_distance": float(record["distance"]),
+            **self.limit_info(lane),
+        }
+
+    def obstacle_path(self, lane: int) -> Array:
+        """Where the discs of a lane are in its whole episode, at multiples of `PATH_STEP`, ``(samples, discs, 2)``, m.
+
+        No policy is told: this is for oracles and pictures.
+        """
+        path: Array = self.lanes["path"][lane].copy()
+        return path
+
+    def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """The goal, which stands still: position, velocity and acceleration, each ``(..., 2)``."""
+        position = seen["goal"] + self.arm.base_array
+        return position, np.zeros_like(position), np.zeros_like(position)
+
+    def motion_problem(self, observation: Observation) -> MotionProblem:
+        """Come to rest at the goal within the time left; discs are predicted to keep their velocities.
+
+        The problem's limits are the arm's with half of the acceleration: the rest is for evading.
+        """
+        seen = self.layout.parse(observation)
+        positions = seen["obstacle"].reshape(-1, 2) + self.arm.base_array
+        velocities = seen["obstacle_velocity"].reshape(-1, 2)
+        discs = zip(positions, velocities, seen["obstacle_radius"].tolist(), strict=True)
+        return MotionProblem(
+            arm=self.arm,
+            q=seen["joint_position"],
+            qd=seen["joint_velocity"],
+            qdd=seen["joint_acceleration"],
+            target=FixedHand(self.hand_goal(seen)[0]),
+            horizon=max(float(seen["time_left"][0]), self.config.control_period),
+            limits=self._planning_limits,
+            obstacles=tuple(Obstacle(*disc) for disc in discs),
+        )
+
+    @property
+    def view(self) -> tuple[float, float, float, float]:
+        """Stretch of the plane a frame shows, m."""
+        return (-1.42, 1.42, -1.42, 1.42)
+
+    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this lane shows."""
+        record = self.lanes[lane]
+        period = self.config.control_period
+        distance, clearance = float(record["distance"]), float(record["min_clearance"])
+        held = int(record["held_steps"]) * period
+        ratios = self.limit_info(lane)["limit_ratios"]
+        discs = zip(record["discs"].tolist(), record["radii"].tolist(), strict=True)
+        return Scene(
+            joints=self.arm.joint_positions(record["q"]),
+            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
+            time=int(record["step"]) * period,
+            horizon=self.config.horizon,
+            title=self.env_id,
+            target=record["goal"].copy(),
+            obstacles=tuple((x, y, radius) for (x, y), radius in discs),
+            trail=np.array(trail),
+            status=(
+                ("distance to goal", f"{1e3 * distance:.0f} mm", distance <= self.config.tolerance),
+                ("least clearance", f"{1e3 * clearance:.0f} mm", clearance > 0.0),
+                ("held", f"{held:.2f} s", bool(record["success"])),
+            ),
+            limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration")),
+            settled=bool(record["success"]),
+        )
+
+
+class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
+    __doc__ = f"""Bring the hand to a goal and hold it there while a disc moves at random through the workspace.
+
+    From T. H. Kim, M. S. Park, S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot". The
+    paper guards the hand alone; here no part of the arm may be touched. The arm (`planners.SCARA_50CM`: two 0.5 m,
+    2 kg rods, capsules of 45 mm radius) moves in the horizontal plane.
+
+    ## Action
+    Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale: `"torque"`
+    (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (2.4 rad/s at the end
+    of the period, as nearly as the limits allow: all of them hold by construction).
+
+    ## Observation
+    Each element is a physical value divided by a fixed scale, clipped at the bound. With `num_obstacles` discs the
+    entries of the discs are as many times as long.
+
+{layout(1).table()}
+
+    ## Reward
+    The sum of five terms, which `info["reward_terms"]` holds:
+
+    * `progress`: how much closer the hand has come to the goal, as a share of the distance at the start.
+    * `goal`: 1 at success, and as much more as there is time left (a share of the horizon).
+    * `clearance`: with less than `clearance_margin` (0.1 m) between arm and disc, minus `clearance_weight` a second,
+      in proportion to what is missing.
+    * `collision`: minus `collision_penalty` (2).
+    * `limits`: for each control period in which a limit of velocity, acceleration or joint range is broken by more than
+      `limit_tolerance`, minus `limit_penalty` x (1 + excess, at most 2).
+
+    ## Start
+    The posture at rest and the goal are drawn: elbow angles of 0.3 rad or more, the hand 0.4 m or more from its goal,
+    which it can reach on the same side of the elbow. The disc (radius {OBSTACLE_RADIUS:g} m, {SLOWEST:g} to
+    {FASTEST:g} m/s, {NEAREST:g} to {FARTHEST:g} m from the base) begins with {SPAWN_CLEARANCE:g} m or more between it
+    and the arm, and the goal; it moves in legs between waypoints, in straight passes, or wanders, one third each,
+    mostly aimed at where the arm would be if it moved straight to its goal (`envs.obstacle_dodge.paths`). The path is
+    drawn
+    whole at reset: a seed fixes it. `reset(options={{"scenario": "paper"}})` is a fixed crossing, as in the paper's
+    figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`, `obstacle_radius` and `obstacle_paths` set any of
+    these by hand.
+
+    ## End
+    Terminated by a collision: the surfaces of disc and arm touch, measured after every physics step. Terminated by
+    success: the hand within 0.03 m of the goal for 0.5 s without a break. Truncated after `horizon` (8 s).
+
+    ## Info
+    | Key | When | Meaning |
+    |---|---|---|
+    | `is_success` | always | whether the goal has been held for the hold time |
+    | `reward_terms` | always | the five terms |
+    | `collision` | at the end | whether the arm has been touched |
+    | `min_clearance` | at the end | least distance between the surfaces of arm and disc, m; negative in a collision |
+    | `time_to_goal` | at the end | from when on the hand was at the goal, s; inf if there was no success |
+    | `goal_distance` | at the end | from the hand to the goal, m |
+    | `limit_ratio` | at the end | worst value / limit of all kinds |
+    | `limit_ratios` | at the end | worst value / limit of each kind |
+
+    ## Arguments
+    The fields of `ObstacleDodgeConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
+    `num_obstacles`, `tolerance`, `hold_time`, `clearance_margin`, `clearance_weight`, `collision_penalty`,
+    `limit_tolerance`, `limit_penalty`.
+
+    ## Version history
+    * v0: first version.
+    """
+
+    task_type = ObstacleDodge
+
+
+class ObstacleDodgeVectorEnv(PlanarArmVectorEnv):
+    """ObstacleDodge-v0 over a batch of lanes; `ObstacleDodgeEnv` documents the task."""
+
+    task_type = ObstacleDodge

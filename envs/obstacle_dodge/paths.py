@@ -1,0 +1,236 @@
+"""How discs move about an arm: random paths, each drawn whole before the episode begins.
+
+A path is the centre of a disc at every `PATH_STEP`, straight in between. Three kinds are drawn:
+
+* ``waypoints``: legs between points, most of them aimed at the arm and on through it.
+* ``passes``: straight through the workspace, aimed at the arm, on to the rim or the base, and back again.
+* ``wander``: a velocity that wanders around zero, between soft walls.
+
+To aim is to lead: at a point of the arm where it will be, if it moves straight to its goal, when the disc arrives.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numba import njit
+
+from planners.robot.arm import Arm, JointLimits
+from planners.robot.clearance import clearance_lane
+from planners.trapezoid import share_at, trapezoid
+from planners.typing import Array
+
+Kind = Literal["waypoints", "passes", "wander"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+_WAYPOINTS, _PASSES, _WANDER = 0, 1, 2  # positions in KINDS
+
+PATH_STEP = 0.01
+"""Time between two samples of a path, s."""
+
+NEAREST, FARTHEST = 0.32, 1.3
+"""How close to the base of the arm and how far from it the centre of a disc may be, m."""
+
+SLOWEST, FASTEST = 0.2, 1.0
+"""Range of the speeds that are drawn, m/s."""
+
+LAG = 0.2
+"""Time constant with which a disc takes on the velocity it is to have, s."""
+
+SPAWN_CLEARANCE = 0.30
+"""Least distance between disc and arm at the start, m."""
+
+AIMED = 0.7
+"""Share of the legs between waypoints, after the first, that are aimed at the arm; the first always is."""
+
+ARRIVED = 0.15
+"""Distance to the end of a leg at which the next begins, m."""
+
+AIMS = 8
+"""Number of points of the arm that are tried for one that the base does not hide."""
+
+SHORTEST_LEG = 0.3
+"""Least length of a leg, m."""
+
+CORRELATION_TIME, WANDER_SPEED = 0.8, 0.8
+"""Of a wandering velocity: how long it remembers itself, s, and the root of its mean square, m/s."""
+
+WALL, WALL_STIFFNESS = 0.15, 12.0
+"""Width of the soft walls in front of NEAREST and FARTHEST, m, and how they push, 1/s^2."""
+
+LEAD_ITERATIONS = 6
+"""Rounds of the fixed point: the place that is aimed at decides the time of arrival, and that the place."""
+
+
+class StraightMove(NamedTuple):
+    """A two-link arm that moves straight to its goal in joint space; see `planners.trapezoid`.
+
+    Attributes:
+        lengths: of the links, ``(2,)``, m.
+        link_radius: m.
+        start: posture at time 0, ``(2,)``, rad.
+        change: how far to go, ``(2,)``, rad.
+        top, ramp: of the trapezoid, 1/s and s.
+        goal: where the hand arrives, ``(2,)``, m.
+    """
+
+    lengths: Array
+    link_radius: float
+    start: Array
+    change: Array
+    top: float
+    ramp: float
+    goal: Array
+
+
+def straight_move(arm: Arm, limits: JointLimits, start: Array, end: Array) -> StraightMove:
+    """The straight move of an arm between two postures within limits of velocity and acceleration."""
+    top, ramp = trapezoid(end - start, np.array(limits.velocity), np.array(limits.acceleration))
+    goal = arm.forward_kinematics(end) - arm.base_array
+    return StraightMove(arm.length_array, arm.link_radius, start, end - start, top, ramp, goal)
+
+
+@njit(cache=True, nogil=True)
+def draw_path(generator: Any, kind: int, speed: float, radius: float, move: StraightMove, path: Array) -> None:
+    """Draw the path of one disc, relative to the base of the arm.
+
+    Args:
+        generator: a NumPy generator.
+        kind: index into `KINDS`.
+        speed: of the disc, m/s; drawn where NaN.
+        radius: of the disc, m.
+        move: what the disc is aimed at.
+        path: the samples, filled in, ``(samples, 2)``, m.
+    """
+    x, y = _spawn(generator, radius, move)
+    if kind == _WANDER:
+        _wander(generator, WANDER_SPEED if math.isnan(speed) else speed, move, x, y, path)
+    else:
+        _follow_legs(generator, kind, speed, move, x, y, path)
+
+
+@njit(cache=True, nogil=True)
+def _spawn(generator: Any, radius: float, move: StraightMove) -> tuple[float, float]:
+    """Where a disc begins: clear of the arm, and not on the goal."""
+    base = np.zeros(2)
+    while True:
+        x, y = _anywhere(generator, NEAREST + WALL, FARTHEST)
+        off_goal = math.hypot(x - move.goal[0], y - move.goal[1]) - radius - move.link_radius
+        off_arm = clearance_lane(move.lengths, base, move.link_radius, move.start, x, y, radius)
+        if min(off_goal, off_arm) >= SPAWN_CLEARANCE:
+            return x, y
+
+
+@njit(cache=True, nogil=True)
+def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x: float, y: float, path: Array) -> None:
+    """Leg by leg, with a velocity that lags behind the leg's."""
+    follow = 1.0 - math.exp(-PATH_STEP / LAG)
+    pace, vx, vy, end_x, end_y = speed, 0.0, 0.0, x, y
+    for sample in range(path.shape[0]):
+        path[sample, 0], path[sample, 1] = x, y
+        if math.hypot(end_x - x, end_y - y) < ARRIVED:
+            if math.isnan(speed) and (sample == 0 or kind == _WAYPOINTS):
+                pace = SLOWEST + (FASTEST - SLOWEST) * generator.random()
+            end_x, end_y = _next_leg(generator, kind, pace, move, sample * PATH_STEP, x, y)
+        far = max(math.hypot(end_x - x, end_y - y), 1e-9)
+        share = 1.0 if sample == 0 else follow
+        vx += share * (pace * (end_x - x) / far - vx)
+        vy += share * (pace * (end_y - y) / far - vy)
+        x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
+
+
+@njit(cache=True, nogil=True)
+def _next_leg(
+    generator: Any, kind: int, pace: float, move: StraightMove, now: float, x: float, y: float
+) -> tuple[float, float]:
+    """Where the leg that begins at (x, y) ends: aimed at the arm or, where the base is in the way, anywhere."""
+    end_x, end_y = x, y
+    if kind == _PASSES or now == 0.0 or generator.random() < AIMED:
+        for _ in range(AIMS):
+            at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, now, x, y)
+            way = math.hypot(at_x - x, at_y - y)
+            beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * generator.random()
+            end_x, end_y = _clear_end(x, y, at_x, at_y, way + beyond)
+            if math.hypot(end_x - x, end_y - y) >= way:  # or the base is in between
+                break
+    while math.hypot(end_x - x, end_y - y) < SHORTEST_LEG:
+        to_x, to_y = _anywhere(generator, NEAREST, FARTHEST)
+        length = np.inf if kind == _PASSES else math.hypot(to_x - x, to_y - y)
+        end_x, end_y = _clear_end(x, y, to_x, to_y, length)
+    return end_x, end_y
+
+
+@njit(cache=True, nogil=True)
+def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y: float) -> tuple[float, float]:
+    """A point of the moving arm, so many links from the base, where it is when the disc gets there."""
+    at_x = at_y = 0.0
+    arrival = now
+    for _ in range(LEAD_ITERATIONS):
+        share = share_at(move.top, move.ramp, arrival)
+        inner = move.start[0] + share * move.change[0]
+        outer = inner + move.start[1] + share * move.change[1]
+        upper, fore = min(point, 1.0) * move.lengths[0], max(point - 1.0, 0.0) * move.lengths[1]
+        at_x = upper * math.cos(inner) + fore * math.cos(outer)
+        at_y = upper * math.sin(inner) + fore * math.sin(outer)
+        arrival = now + math.hypot(at_x - x, at_y - y) / pace
+    return at_x, at_y
+
+
+@njit(cache=True, nogil=True)
+def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> tuple[float, float]:
+    """Where a leg from (x, y) towards a point ends: after its length, at the rim, or too near to the base."""
+    far = max(math.hypot(to_x - x, to_y - y), 1e-9)
+    along_x, along_y = (to_x - x) / far, (to_y - y) / far
+    middle, square = x * along_x + y * along_y, x * x + y * y
+    length = min(length, -middle + math.sqrt(max(0.0, middle**2 - square + FARTHEST**2)))
+    chord = middle**2 - square + NEAREST**2
+    if middle < 0.0 and chord > 0.0:
+        length = min(length, max(0.0, -middle - math.sqrt(chord)))
+    return x + length * along_x, y + length * along_y
+
+
+@njit(cache=True, nogil=True)
+def _wander(generator: Any, pace: float, move: StraightMove, x: float, y: float, path: Array) -> None:
+    """A velocity command that reverts to zero (Ornstein-Uhlenbeck), and a velocity that lags behind it."""
+    keep, follow = math.exp(-PATH_STEP / CORRELATION_TIME), 1.0 - math.exp(-PATH_STEP / LAG)
+    root = pace / math.sqrt(2.0)
+    fresh = root * math.sqrt(1.0 - keep * keep)
+    at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, 0.0, x, y)
+    far = max(math.hypot(at_x - x, at_y - y), 1e-9)
+    wanted_x, wanted_y = pace * (at_x - x) / far, pace * (at_y - y) / far
+    vx, vy = wanted_x, wanted_y
+    for sample in range(path.shape[0]):
+        path[sample, 0], path[sample, 1] = x, y
+        away = math.hypot(x, y)
+        push = WALL_STIFFNESS * (max(0.0, NEAREST + WALL - away) - max(0.0, away - FARTHEST + WALL)) / away
+        wanted_x = keep * wanted_x + fresh * generator.standard_normal() + PATH_STEP * push * x
+        wanted_y = keep * wanted_y + fresh * generator.standard_normal() + PATH_STEP * push * y
+        too_fast = max(1.0, math.hypot(wanted_x, wanted_y) / FASTEST)
+        vx += follow * (wanted_x / too_fast - vx)
+        vy += follow * (wanted_y / too_fast - vy)
+        x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
+
+
+@njit(cache=True, nogil=True)
+def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, float]:
+    """A point of an annulus around the base, all distances and all directions equally likely."""
+    distance = nearest + (farthest - nearest) * generator.random()
+    angle = 2.0 * math.pi * generator.random()
+    return distance * math.cos(angle), distance * math.sin(angle)
+
+
+@njit(cache=True, nogil=True)
+def _within(x: float, y: float) -> tuple[float, float]:
+    """The closest point that is neither too near to the base nor too far from it."""
+    away = math.hypot(x, y)
+    allowed = min(FARTHEST, max(NEAREST, away))
+    return x * allowed / away, y * allowed / away
+
+
+def follow_points(points: Array, speed: float, samples: int) -> Array:
+    """The path between points ``(k, 2)`` m at constant speed, m/s, staying at the last; ``(samples, 2)``."""
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    places = np.concatenate([[0.0], np.cumsum(lengths)])
+    run = speed * PATH_STEP * np.arange(samples)
+    return np.stack([np.interp(run, places, points[:, axis]) for axis in (0, 1)], axis=1)

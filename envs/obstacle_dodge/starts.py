@@ -1,0 +1,156 @@
+"""How an episode of ObstacleDodge-v0 begins: posture, goal and the paths of the discs, drawn or given."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_path, follow_points, straight_move
+from envs.settings import Settings
+from planners import Arm, JointLimits
+from planners.typing import Array
+
+Pair = tuple[float, float]
+
+LEAST_ELBOW, LEAST_DISTANCE = 0.3, 0.4
+"""Of what is drawn: least magnitude of the elbow angle, rad, and least distance from the hand to its goal, m."""
+
+
+class ObstacleDodgeOptions(Settings):
+    """Options of ``reset``: what is left out is drawn (``"random"``) or a fixed crossing (``"paper"``).
+
+    Attributes:
+        scenario: ``"random"``, or ``"paper"``: one disc crosses the way of the hand, as in the paper's figure 3.
+        start: joint angles at the start, rad.
+        goal: position of the hand to be reached, m from the base.
+        obstacle_kind: ``"waypoints"``, ``"passes"`` or ``"wander"``, for every disc.
+        obstacle_speed: of every disc, m/s.
+        obstacle_radius: of every disc, m.
+        obstacle_paths: for each disc the points, m from the base, between which it moves at constant speed; it stays
+            at the last.
+    """
+
+    scenario: Literal["random", "paper"] = "random"
+    start: Pair | None = None
+    goal: Pair | None = None
+    obstacle_kind: Kind | None = None
+    obstacle_speed: float | None = Field(None, gt=0.0, le=5.0)
+    obstacle_radius: float | None = Field(None, gt=0.0, le=0.3)
+    obstacle_paths: tuple[Annotated[tuple[Pair, ...], Field(min_length=1)], ...] | None = None
+
+
+PAPER_SCENARIO: dict[str, Any] = {
+    "start": (-0.5, 1.0),
+    "goal": (-0.2, 0.8),
+    "obstacle_speed": 0.6,
+    "obstacle_paths": (((0.9, 0.75), (-1.2, 0.15)),),
+}
+"""A disc that crosses the way of the hand. The paper draws one such episode and gives no numbers."""
+
+
+class Episode(NamedTuple):
+    """What an episode begins with.
+
+    Attributes:
+        start: joint angles, ``(2,)``, rad.
+        goal: of the hand, ``(2,)``, m from the base.
+        radius: of the discs, m.
+        path: of the discs, ``(samples, discs, 2)``, m from the base.
+    """
+
+    start: Array
+    goal: Array
+    radius: float
+    path: Array
+
+
+OBSTACLE_RADIUS = 0.10
+"""Of a disc, m."""
+
+
+class DodgeStarts:
+    """Draws how episodes begin.
+
+    Args:
+        arm: with two links.
+        limits: of the straight move past which the discs are led.
+        samples: of a disc's path, `PATH_STEP` apart.
+        discs: how many there are.
+    """
+
+    def __init__(self, arm: Arm, limits: JointLimits, samples: int, discs: int) -> None:
+        self._arm, self._limits, self._samples, self._discs = arm, limits, samples, discs
+        self._ranges = np.array(arm.limits.angle)
+
+    def draw(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> Episode:
+        """An episode drawn or given, and one that is not lost from the start.
+
+        Raises:
+            ValueError: if what is given cannot be: out of reach or range, in contact, or paths for other discs.
+        """
+        start, end = self._draw_move(generator, options)
+        radius = OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
+        move = straight_move(self._arm, self._limits, start, end)
+        samples, discs = self._samples, self._discs
+        path = np.empty((samples, discs, 2))
+        given = options.obstacle_paths
+        if given is not None and len(given) != discs:
+            raise ValueError(f"obstacle_paths holds {len(given)} paths for {discs} discs; give one a disc")
+        for disc in range(discs):
+            kind = KINDS.index(options.obstacle_kind) if options.obstacle_kind else int(generator.integers(len(KINDS)))
+            if given is None:
+                speed = math.nan if options.obstacle_speed is None else options.obstacle_speed
+                one = np.empty((samples, 2))
+                draw_path(generator, kind, speed, radius, move, one)
+                path[:, disc] = one
+            else:
+                path[:, disc] = follow_points(np.array(given[disc]), options.obstacle_speed or 0.5 * FASTEST, samples)
+        self._require_clear(start, path[0], radius)
+        return Episode(start, move.goal, radius, path)
+
+    def _draw_move(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> tuple[Array, Array]:
+        """The posture at the start, and one with the hand at the goal, on the same side of the elbow if there is one.
+
+        Raises:
+            ValueError: if a given start or goal is out of the arm's reach or ranges.
+        """
+        if options.start is not None:
+            self._require_in_range(options.start)
+        while True:
+            start = self._draw_posture(generator) if options.start is None else np.array(options.start)
+            if options.goal is not None:
+                return start, self._posture_at(options.goal, start)
+            end = self._draw_posture(generator)
+            end[1] = math.copysign(end[1], start[1])
+            if np.hypot(*(self._arm.forward_kinematics(end) - self._arm.forward_kinematics(start))) >= LEAST_DISTANCE:
+                return start, end
+
+    def _draw_posture(self, generator: np.random.Generator) -> Array:
+        while True:
+            q = generator.uniform(-self._ranges, self._ranges)
+            if abs(q[1]) >= LEAST_ELBOW:
+                return q
+
+    def _posture_at(self, goal: Pair, start: Array) -> Array:
+        """The posture with the hand at a goal: on the start's side of the elbow, if the ranges allow it."""
+        branches = self._arm.inverse_kinematics(np.array(goal) + self._arm.base_array)
+        allowed = [q for q in branches if (np.abs(q) <= self._ranges).all()]
+        if not allowed:
+            raise ValueError(f"goal {goal} m: every posture with the hand there leaves a joint's range")
+        return min(allowed, key=lambda q: float(q[1] * start[1] < 0.0))
+
+    def _require_in_range(self, start: Pair) -> None:
+        if not (np.abs(start) <= self._ranges).all():
+            ranges = ", ".join(f"{limit:.4g}" for limit in self._ranges)
+            raise ValueError(f"start {list(start)} rad leaves the joint ranges, +-({ranges}) rad")
+
+    def _require_clear(self, start: Array, discs: NDArray[np.float64], radius: float) -> None:
+        for disc in discs:
+            gap = self._arm.clearance(start, disc + self._arm.base_array, radius)
+            if gap <= 0.0:
+                x, y = disc
+                raise ValueError(f"the disc at ({x:.4g}, {y:.4g}) m touches the arm at the start; begin further away")

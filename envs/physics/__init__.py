@@ -1,0 +1,1 @@
+"""The physics: the compiled bridge to Chipmunk, arms as rigid bodies, and actuation."""

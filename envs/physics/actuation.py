@@ -1,0 +1,219 @@
+"""From action to motion: the control modes, the actuator's torque limit, and the watch over the joint limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numba import njit
+
+from envs.physics.world import Records, advance
+from planners.control import held_torque_lane, share_within
+from planners.control.joint_limits import smooth_bounds
+from planners.robot.arm import Arm
+from planners.robot.dynamics import mass_matrix_lane
+from planners.typing import Array
+
+ControlMode = Literal["torque", "acceleration", "jerk", "velocity"]
+CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk", "velocity")
+LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
+_TORQUE, _ACCELERATION, _JERK = 0, 1, 2  # positions in CONTROL_MODES
+_PROJECTIONS = 60
+_TORQUE_SLACK = 1e-5  # share of a torque limit that is left to saturation
+_VELOCITY_SHARE, _TORQUE_SHARE = 0.998, 0.98  # used in velocity mode: what is held for a period is not quite kept in it
+_RANGE_MARGIN = 0.01  # how far from the end of its range a joint stops in velocity mode, rad
+
+
+def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of a lane's record: what was commanded and done in the last period, and the worst ratios so far."""
+    return [
+        ("tau", "f8", (n_joints,)),
+        ("qdd", "f8", (n_joints,)),
+        ("commanded_qdd", "f8", (n_joints,)),
+        ("qd_before", "f8", (n_joints,)),
+        ("qdd_before", "f8", (n_joints,)),
+        ("limit_ratios", "f8", (len(LIMIT_KINDS),)),
+        ("peak_torque", "f8"),
+    ]
+
+
+def actuation_model_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of the model record: the control mode, the limits, and the dynamics the controller believes in."""
+    return [
+        ("control_mode", "i8"),
+        ("control_period", "f8"),
+        ("coupling", "f8", (n_joints, n_joints)),
+        ("weight", "f8", (n_joints,)),
+        ("limits", "f8", (len(LIMIT_KINDS), n_joints)),
+    ]
+
+
+def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_period: float) -> None:
+    """Write the actuation fields of the model record for the nominal arm (without its unknown payload).
+
+    Raises:
+        ValueError: if the control mode needs a limit that the arm lacks.
+    """
+    model["control_mode"] = CONTROL_MODES.index(control_mode)
+    model["control_period"] = control_period
+    model["coupling"], model["weight"] = arm.chain_constants
+    model["limits"] = [getattr(arm.limits, kind) for kind in LIMIT_KINDS]
+    scale = action_scale(arm, control_mode)
+    if not np.isfinite(scale).all():
+        raise ValueError(
+            f'control_mode "{control_mode}" scales actions by the {control_mode} limits, but {arm.name} has {scale}'
+        )
+
+
+def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
+    """What an action of 1 stands for, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
+    return np.array(getattr(arm.limits, control_mode))
+
+
+@njit(cache=True, nogil=True)
+def apply_action(lane: Any, model: Any, action: Array) -> float:
+    """Advance one lane by one control period under an action in [-1, 1] (clipped), ``(n,)``.
+
+    Returns:
+        The worst |value| / limit of this period over all joints and kinds of limit.
+    """
+    command(lane, model, action)
+    advance(lane, model, lane.tau)
+    return finish_period(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def command(lane: Any, model: Any, action: Array) -> None:
+    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``lane.tau`` of the next period."""
+    n = lane.q.shape[0]
+    share = np.empty(n)
+    for i in range(n):
+        share[i] = min(1.0, max(-1.0, action[i]))
+    if model.control_mode == _TORQUE:
+        for i in range(n):
+            lane.tau[i] = share[i] * model.limits[0, i]
+    elif model.control_mode == _ACCELERATION:
+        for i in range(n):
+            lane.commanded_qdd[i] = share[i] * model.limits[2, i]
+        held_torque_lane(
+            model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, model.control_period, lane.tau
+        )
+    elif model.control_mode == _JERK:
+        command_smoothly(lane, model, share)
+    else:
+        command_velocity(lane, model, share)
+    for i in range(n):
+        lane.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
+    lane.qd_before[:] = lane.qd
+    lane.qdd_before[:] = lane.qdd
+
+
+@njit(cache=True, nogil=True)
+def finish_period(lane: Any, model: Any) -> float:
+    """After the physics: mean accelerations, peak torque, limits; the worst |value| / limit of this period."""
+    for i in range(lane.q.shape[0]):
+        lane.qdd[i] = (lane.qd[i] - lane.qd_before[i]) / model.control_period
+        lane.peak_torque = max(lane.peak_torque, abs(lane.tau[i]))
+    return watch_limits(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def command_smoothly(lane: Any, model: Any, share: Array) -> None:
+    """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
+
+    The accelerations stay within what keeps every smoothness limit. Where that would ask more torque than there is,
+    they are moved until the torques fit, too: projections in turn onto each torque limit, linear in the accelerations,
+    and back into the bounds.
+    """
+    n = lane.q.shape[0]
+    period = model.control_period
+    lower, upper = np.empty(n), np.empty(n)
+    for i in range(n):
+        lower[i], upper[i] = smooth_bounds(
+            lane.qd[i], lane.commanded_qdd[i], period, model.limits[1, i], model.limits[2, i], model.limits[3, i]
+        )
+        wanted = lane.commanded_qdd[i] + share[i] * model.limits[3, i] * period
+        lane.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
+    mass = np.empty((n, n))
+    mass_matrix_lane(model.coupling, lane.q, mass)
+    for _ in range(_PROJECTIONS):
+        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+        worst, excess = 0, 0.0
+        for i in range(n):
+            allowed = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
+            if abs(lane.tau[i] - allowed) > abs(excess):
+                worst, excess = i, lane.tau[i] - allowed
+        if abs(excess) <= _TORQUE_SLACK * model.limits[0, worst]:
+            return
+        row = mass[worst]
+        scale = 0.0
+        for i in range(n):
+            scale += row[i] * row[i]
+        for i in range(n):
+            moved = lane.commanded_qdd[i] - row[i] * excess / scale
+            lane.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
+
+
+@njit(cache=True, nogil=True)
+def command_velocity(lane: Any, model: Any, share: Array) -> None:
+    """Find the torques that bring the joints to velocities (shares of the limits) by the end of the period.
+
+    As far, that is, as the limits of acceleration and torque let them; a joint is braked in time before the end of its
+    range, with half of its acceleration, which leaves torque for the others.
+    """
+    n = lane.q.shape[0]
+    period = model.control_period
+    for i in range(n):
+        speed, top, hardest = lane.qd[i], _VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
+        end = model.limits[4, i] - _RANGE_MARGIN
+        fastest = _braked_in_time(end - lane.q[i], speed, 0.5 * hardest, period)
+        slowest = -_braked_in_time(end + lane.q[i], -speed, 0.5 * hardest, period)
+        wanted = min(fastest, max(slowest, share[i] * top))
+        lane.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
+    still = np.empty(n)
+    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, np.zeros(n), period, still)
+    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+    fitting = 1.0
+    for i in range(n):
+        fitting = min(fitting, share_within(still[i], lane.tau[i], _TORQUE_SHARE * model.limits[0, i]))
+    if fitting < 1.0:
+        for i in range(n):
+            lane.commanded_qdd[i] *= fitting
+        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+
+
+@njit(cache=True, nogil=True)
+def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
+    """The velocity at the end of a period, begun with velocity v, from which a joint can just be braked in its room.
+
+    ``(v + w) T / 2 + w^2 / (2 a) = room``, solved for w.
+    """
+    left = room - 0.5 * v * period
+    half = 0.5 * a * period
+    return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
+
+
+@njit(cache=True, nogil=True)
+def watch_limits(lane: Any, model: Any) -> float:
+    """Hold the period's values against the limits; keeps the worst of the episode and returns the worst of the period.
+
+    Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
+    """
+    worst = 0.0
+    for kind in range(len(LIMIT_KINDS)):
+        for i in range(lane.q.shape[0]):
+            if kind == 0:
+                value = lane.tau[i]
+            elif kind == 1:
+                value = lane.qd[i]
+            elif kind == 2:
+                value = lane.qdd[i]
+            elif kind == 3:
+                value = (lane.qdd[i] - lane.qdd_before[i]) / model.control_period
+            else:
+                value = lane.q[i]
+            ratio = abs(value) / model.limits[kind, i]
+            worst = max(worst, ratio)
+            lane.limit_ratios[kind] = max(lane.limit_ratios[kind], ratio)
+    return worst

@@ -1,0 +1,212 @@
+"""The physics: arms as rigid bodies joined by pivots in Pymunk, one space per lane.
+
+Three choices make Pymunk a good manipulator simulator (``python -m tools.physics_fidelity`` prints what each is worth):
+
+* ``error_bias = 0`` on every pivot. The default makes joints soft, and a soft joint eats energy.
+* Chipmunk moves positions before it updates velocities, so after a step the velocity belongs to time t and the
+  position to t - h/2. Positions are therefore written half a step back and read half a step ahead.
+* Joints are made anew at every reset, because a used joint starts the next episode with its old impulses.
+"""
+
+from __future__ import annotations
+
+import weakref
+from typing import Any
+
+import numpy as np
+import pymunk
+from numba import njit
+from numpy.typing import NDArray
+
+from envs.physics import chipmunk
+from planners.robot.arm import Arm
+from planners.typing import Array
+
+Records = NDArray[np.void]
+
+PYMUNK_ERROR_BIAS = 0.9**60
+"""Pymunk's own default: the share of a joint error that is left after one second."""
+
+
+def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of a lane's record that the physics needs: joint state, and the addresses of the Chipmunk objects."""
+    return [
+        ("q", "f8", (n_joints,)),
+        ("qd", "f8", (n_joints,)),
+        ("space", "i8"),
+        ("links", "i8", (n_joints,)),
+        ("joints", "i8", (n_joints,)),
+        ("ground", "i8"),
+    ]
+
+
+def body_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of the model record that the physics needs: the arm as it really is, payload included."""
+    return [
+        ("lengths", "f8", (n_joints,)),
+        ("coms", "f8", (n_joints,)),
+        ("base", "f8", (2,)),
+        ("physics_step", "f8"),
+        ("substeps", "i8"),
+        ("position_lag", "f8"),
+        ("error_bias", "f8"),
+    ]
+
+
+class World:
+    """The Pymunk spaces of a batch of lanes, each holding one arm and, if asked for, one part on a belt.
+
+    Args:
+        arm: the arm as it really is (with the payload it holds).
+        lanes: lane records with `arm_fields`, and ``part`` if there is a part; the addresses are filled in.
+        model: the one record of what all lanes share, with `body_fields`; filled in.
+        control_period: time for which a torque is held, s.
+        physics_step: time of one Chipmunk step, s.
+        pymunk_defaults: leave out the first two choices above, to show what they are worth.
+
+    Raises:
+        ValueError: if the control period is no integer multiple of the physics step.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        lanes: Records,
+        model: Records,
+        *,
+        control_period: float,
+        physics_step: float,
+        pymunk_defaults: bool = False,
+    ) -> None:
+        model["lengths"], model["coms"], model["base"] = arm.lengths, arm.coms, arm.base
+        model["physics_step"] = physics_step
+        model["substeps"] = substeps_per_period(control_period, physics_step)
+        model["position_lag"] = 0.0 if pymunk_defaults else 0.5 * physics_step
+        model["error_bias"] = PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0
+        self._objects: list[object] = []  # keeps the C structs alive that the addresses point to
+        for lane in lanes:
+            space = pymunk.Space()
+            space.gravity = (0.0, -arm.gravity)
+            links = [pymunk.Body(mass, inertia) for mass, inertia in zip(arm.masses, arm.inertias, strict=True)]
+            space.add(*links)
+            # Anchors and error bias are set by `place_arm`.
+            parents = [space.static_body, *links[:-1]]
+            joints = [pymunk.PivotJoint(*pair, (0.0, 0.0), (0.0, 0.0)) for pair in zip(parents, links, strict=True)]
+            space.add(*joints)
+            lane["space"] = chipmunk.address(space._space)
+            lane["ground"] = chipmunk.address(space.static_body._body)
+            lane["links"] = [chipmunk.address(link._body) for link in links]
+            lane["joints"] = [chipmunk.address(joint._constraint) for joint in joints]
+            self._objects.append((space, links, joints))
+            if "part" in (lanes.dtype.names or ()):
+                part = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+                space.add(part)
+                lane["part"] = chipmunk.address(part._body)
+                self._objects.append(part)
+        # Pymunk cannot free a space once the interpreter takes its modules apart; this comes before that.
+        weakref.finalize(self, self._objects.clear)
+
+
+def substeps_per_period(control_period: float, physics_step: float) -> int:
+    """How many physics steps make one control period.
+
+    Raises:
+        ValueError: if that is no whole number.
+    """
+    ratio = control_period / physics_step if physics_step > 0.0 else 0.0
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+        raise ValueError(
+            f"control_period {control_period} s is no multiple of physics_step {physics_step} s; "
+            f"choose control_period / k with a whole k, such as {control_period / max(1, round(ratio)):.6g} s"
+        )
+    return round(ratio)
+
+
+@njit(cache=True, nogil=True)
+def place_arm(lane: Any, model: Any) -> None:
+    """Put the bodies of one lane where ``lane.q`` and ``lane.qd`` say, with joints that remember nothing."""
+    n = lane.q.shape[0]
+    lag = model.position_lag
+    phi = w = 0.0
+    x, y = model.base[0], model.base[1]
+    vx = vy = 0.0
+    for i in range(n):
+        phi += lane.q[i]
+        w += lane.qd[i]
+        earlier = phi - w * lag
+        cos_earlier, sin_earlier = np.cos(earlier), np.sin(earlier)
+        cos_now, sin_now = np.cos(phi), np.sin(phi)
+        com, length = model.coms[i], model.lengths[i]
+        link = lane.links[i]
+        chipmunk.body_set_angle(link, earlier)
+        chipmunk.body_set_angular_velocity(link, w)
+        chipmunk.body_set_position(link, x + com * cos_earlier, y + com * sin_earlier)
+        chipmunk.body_set_velocity(link, vx - com * w * sin_now, vy + com * w * cos_now)
+        x += length * cos_earlier
+        y += length * sin_earlier
+        vx -= length * w * sin_now
+        vy += length * w * cos_now
+    remove_joints(lane)
+    for i in range(n):
+        outer_end = model.lengths[i - 1] - model.coms[i - 1] if i > 0 else 0.0
+        renew_joint(lane, model, i, outer_end, -model.coms[i])
+
+
+@njit(cache=True, nogil=True)
+def remove_joints(lane: Any) -> None:
+    """Take the joints of one lane out of its space.
+
+    All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
+    """
+    for joint in lane.joints:
+        chipmunk.space_remove_constraint(lane.space, joint)
+
+
+@njit(cache=True, nogil=True)
+def renew_joint(lane: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
+    """Make joint ``i`` of one lane anew, and put it into the space.
+
+    It holds the place ``outer_end`` on the x axis of the link before (or the base) to ``inner_end`` on that of its own,
+    both in the frames of the bodies, m.
+    """
+    joint = lane.joints[i]
+    owner = chipmunk.constraint_get_user_data(joint)
+    if i == 0:
+        chipmunk.pivot_joint_init(joint, lane.ground, lane.links[0], model.base[0], model.base[1], inner_end, 0.0)
+    else:
+        chipmunk.pivot_joint_init(joint, lane.links[i - 1], lane.links[i], outer_end, 0.0, inner_end, 0.0)
+    chipmunk.constraint_set_user_data(joint, owner)
+    chipmunk.constraint_set_error_bias(joint, model.error_bias)
+    chipmunk.space_add_constraint(lane.space, joint)
+
+
+@njit(cache=True, nogil=True)
+def advance(lane: Any, model: Any, tau: Array) -> None:
+    """Advance one lane by one control period under constant joint torques ``tau``, ``(n,)`` N m; updates q and qd."""
+    for _ in range(model.substeps):
+        step_physics(lane, model, tau)
+    read_joint_state(lane, model)
+
+
+@njit(cache=True, nogil=True)
+def step_physics(lane: Any, model: Any, tau: Array) -> None:
+    """Advance the bodies of one lane by one physics step under joint torques ``tau``, ``(n,)`` N m."""
+    n = lane.q.shape[0]
+    # Chipmunk clears the torques after every step.
+    for i in range(n - 1):
+        chipmunk.body_set_torque(lane.links[i], tau[i] - tau[i + 1])
+    chipmunk.body_set_torque(lane.links[n - 1], tau[n - 1])
+    chipmunk.space_step(lane.space, model.physics_step)
+
+
+@njit(cache=True, nogil=True)
+def read_joint_state(lane: Any, model: Any) -> None:
+    """Read q and qd of one lane off its bodies."""
+    lag = model.position_lag
+    inner_angle = inner_speed = 0.0
+    for i in range(lane.q.shape[0]):
+        speed = chipmunk.body_get_angular_velocity(lane.links[i])
+        angle = chipmunk.body_get_angle(lane.links[i]) + lag * speed
+        lane.q[i] = angle - inner_angle
+        lane.qd[i] = speed - inner_speed
+        inner_angle, inner_speed = angle, speed

@@ -1,0 +1,302 @@
+"""DPCT with the torque as its index: along a straight path, from rest to rest in a given time.
+
+The dynamic program of "Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee and
+M. S. Ko) over the phase plane of the progress ``r`` along a path and its rate, with three changes. A step takes the
+time that constant acceleration takes (eq 26 divides by zero at rest). Its cost is the torque index of "Trajectory
+planning for torque minimization of robot manipulators using the Lagrange interpolation method" (eq 6, as an integral)
+in place of eq 28. And the time for the whole is met by a price on it, in place of the clock of eq 27.
+
+Only the speed along the path is chosen, so the index cannot fall below that of the best motion on the path; a planner
+that bends the path may do better.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+from planners.dpct.torque.search import Corridor, Profile, least_torque, mix
+from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
+from planners.motion.line import OFF_LINE, reduce_to_line
+from planners.motion.path import Path
+from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.typing import Array
+
+Objective = Literal["PI1", "PI2"]
+
+STAGES = 96
+"""Steps in r, shortest at the ends, where the speed changes most."""
+
+SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
+"""Least and most samples a step, and largest time (s) between two if they are enough."""
+
+JUST_BEFORE, BEFORE_SHARE = 1e-5, 1e-2
+"""How long before the end of a step its last sample is, s, and at most, as a fraction of the step: the acceleration
+jumps at the end, and an interpolation between samples must not smear it."""
+
+TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
+"""Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
+
+BACK_OFF = 1e-4
+"""How much tighter than the excess between the stages the limits become for the next attempt."""
+
+CEILING = 1000.0
+"""Largest speed, as a multiple of the mean, where no limit ends it; twice that of the start if that is more."""
+
+ON_TIME = 1e-9
+"""Difference, as a fraction, between the duration and the horizon that is rounding."""
+
+START_TOLERANCE = 1e-3
+"""Excess, as a fraction, of the largest squared speed at the start that still counts as that: a plan made on the way of
+another one that already brakes as hard as it may starts on the edge."""
+
+STANDSTILL = 1e-9
+"""Speed, as a fraction of the fastest, that is rest but for rounding."""
+
+KINDS = ("torque", "velocity", "acceleration")
+
+
+def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages: int = STAGES) -> Trajectory:
+    """Come to rest at a fixed target when the horizon is over, with the least torque on the straight way there.
+
+    Straight in joint angles for a target in joint angles (and for a hand that has to turn), else straight for the hand.
+    The way is never gone backwards; where time is left over the motion may rest on it, or at either end, where that
+    takes least torque.
+
+    Limits of torque, velocity and acceleration, and joint ranges, are kept on a dense grid of samples. The path's
+    acceleration is constant from stage to stage and jumps between, so no finite limit of jerk is kept (its ratio is
+    then inf), and the acceleration at time 0 is not the start's. Without torque limits PI1 has no minimum, only ever
+    shorter and higher pulses: the stages then bound them.
+
+    Args:
+        problem: at rest, or moving along the way towards the target; obstacles play no part.
+        objective: ``"PI1"``, the integral of the summed absolute torques (N m s), or ``"PI2"``, of their squares.
+        stages: steps of constant acceleration.
+
+    Returns:
+        The trajectory, as long as the horizon; its cost is PI1 or PI2.
+
+    Raises:
+        Infeasible: ``late`` if the horizon is too short, with the least time that does as ``minimum_time``;
+            ``start`` if the arm moves across or against the way, or too fast to stop in time; ``limits`` if the limits
+            allow no motion on the way; ``unreachable`` if the way leaves the reach.
+        ValueError: if the target moves, or an option is out of range.
+    """
+    if isinstance(problem.target, MovingHand):
+        raise ValueError("variant 'torque' goes to a fixed target; a MovingHand is for variant 'optimal'")
+    if objective not in get_args(Objective):
+        raise ValueError(f"objective {objective!r} must be one of {', '.join(map(repr, get_args(Objective)))}")
+    if stages < 10:
+        raise ValueError(f"stages {stages} must be at least 10")
+    way = _way(problem, stages)
+    if way.length == 0.0:
+        return _trajectory(way, None, objective)
+    corridor = _fastest_within_limits(way, objective)
+    fastest, horizon = corridor.fastest, problem.horizon
+    least = corridor.duration(fastest)
+    if horizon < least:
+        raise Infeasible(
+            "late",
+            f"within its limits {problem.arm.name} takes {math.ceil(1e4 * least) / 1e4:.4f} s for the straight way to "
+            f"the target; the horizon is {horizon:.4g} s: raise it",
+            minimum_time=least * (1.0 + 1e-9),
+            horizon=horizon,
+        )
+    for _ in range(ATTEMPTS):
+        late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
+        profile = mix(corridor, fastest, corridor.fastest) if late else least_torque(corridor)
+        trajectory = _trajectory(way, profile, objective)
+        excess = _excess(trajectory)
+        if (excess <= 1.0).all():
+            return trajectory
+        corridor = _corridor(way, objective, _tightened(corridor.track.limits, excess))
+    raise _between_stages()
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The straight way of a problem, ``r`` from 0 to 1.
+
+    Attributes:
+        problem: as it was given.
+        path: by its own parameter, ``length`` times r.
+        length: of the way, in the unit of the path; 0 where the start is the target.
+        r: the stages, ``(N + 1,)``.
+        speed: rate of r at time 0, 1/s.
+    """
+
+    problem: MotionProblem
+    path: Path
+    length: float
+    r: Array
+    speed: float
+
+    def joints(self, r: Array) -> tuple[Array, Array, Array]:
+        """Joint angles f (eq 9), f' and f'' at ``r``, each ``(samples, n)``."""
+        derivatives = self.path.derivatives(self.length * r)
+        return derivatives[:, 0], self.length * derivatives[:, 1], self.length**2 * derivatives[:, 2]
+
+    @cached_property
+    def track(self) -> Track:
+        """The way for the kernels, with the limits of the problem."""
+        arm, limits = self.problem.loaded_arm, self.problem.joint_limits
+        middles = 0.5 * (self.r[:-1] + self.r[1:])
+        q, slope, curvature = self.joints(np.insert(self.r, np.arange(1, len(self.r)), middles))
+        still = np.zeros_like(q)
+        static = arm.inverse_dynamics(q, still, still)
+        inertia = arm.inverse_dynamics(q, still, slope) - static
+        centripetal = arm.inverse_dynamics(q, slope, curvature) - static
+        table = np.array([getattr(limits, kind) for kind in KINDS])
+        return Track(np.diff(self.r), slope, curvature, inertia, centripetal, static, table)
+
+
+def _way(problem: MotionProblem, stages: int) -> _Way:
+    """The way, after checking that its start, the joint ranges and the hold at its end allow it."""
+    line = reduce_to_line(problem)
+    length = float(line.target[0])
+    slope = float(np.abs(line.path.derivatives(np.zeros(1))[0, 1]).max())
+    speed = 0.0 if abs(line.start[1]) * slope <= OFF_LINE else float(line.start[1])
+    if speed < 0.0 or (speed > 0.0 and length == 0.0):
+        raise Infeasible("start", "the arm moves away from the target; start at rest, or moving straight towards it")
+    r = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, stages + 1))
+    way = _Way(problem, line.path, length, r, speed / length if length > 0.0 else 0.0)
+    q = way.joints(np.linspace(0.0, 1.0, 4 * stages + 1))[0]
+    outside = np.argwhere(np.abs(q) > np.array(problem.joint_limits.angle) + 1e-9)
+    if len(outside):
+        sample, joint = outside[0]
+        raise Infeasible(
+            "limits",
+            f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight way",
+            kind="angle",
+            joint=int(joint),
+        )
+    still = np.zeros(problem.arm.n_joints)
+    held = np.abs(problem.loaded_arm.bias(q[-1], still)) / np.array(problem.joint_limits.torque)
+    if (held > 1.0).any():
+        raise Infeasible(
+            "limits",
+            f"to hold the arm at the target takes {held.max():.4g} times the torque limit of joint {held.argmax() + 1}",
+            kind="torque",
+            joint=int(held.argmax()),
+        )
+    return way
+
+
+def _fastest_within_limits(way: _Way, objective: Objective) -> Corridor:
+    """The corridor of limits so tight that its fastest profile keeps the true ones between the stages too."""
+    limits = way.track.limits * TIGHTENING[:, None]
+    for _ in range(ATTEMPTS):
+        corridor = _corridor(way, objective, limits)
+        excess = _excess(_trajectory(way, Profile(corridor.fastest), objective))
+        if (excess <= 1.0).all():
+            return corridor
+        limits = _tightened(limits, excess)
+    raise _between_stages()
+
+
+def _between_stages() -> Infeasible:
+    """Backing off has not helped."""
+    return Infeasible("limits", "the limits cannot be kept between the stages of the straight way; give more stages")
+
+
+def _corridor(way: _Way, objective: Objective, limits: Array) -> Corridor:
+    """The slowest and the fastest profile within limits of torque, velocity and acceleration, ``(3, n)``."""
+    track, horizon = way.track._replace(limits=limits), way.problem.horizon
+    ceiling = max(CEILING / horizon, 2.0 * way.speed) ** 2
+    low, high = controllable(track, ceiling)
+    blocked = np.flatnonzero(np.isnan(low))
+    if len(blocked):
+        raise Infeasible(
+            "limits",
+            f"at {way.r[blocked[-1]]:.0%} of the straight way there is no speed from which the limits let the arm "
+            "come to rest at the target; holding it against gravity may take more than its torque limits",
+            r=float(way.r[blocked[-1]]),
+        )
+    if way.speed**2 > high[0] * (1.0 + START_TOLERANCE):
+        most = math.sqrt(high[0])
+        raise Infeasible(
+            "start",
+            f"the arm starts {way.speed / most if most > 0.0 else math.inf:.4g} times as fast as it may to come to "
+            "rest at the target within its limits",
+            speed=way.speed,
+            limit=most,
+        )
+    if way.speed**2 < low[0]:
+        raise Infeasible(
+            "limits",
+            "within its limits the arm cannot get from its start to the target along the straight way: it would have "
+            f"to start with {math.sqrt(low[0]):.3g} of the way per second, and starts with {way.speed:.3g}",
+            speed=way.speed,
+            limit=math.sqrt(low[0]),
+        )
+    start = min(way.speed, math.sqrt(high[0]))
+    slowest, fastest = (extreme_profile(track, low, high, ceiling, start, fast) for fast in (False, True))
+    slowest[slowest < STANDSTILL * fastest.max()] = 0.0
+    return Corridor(track, slowest, fastest, horizon, objective == "PI2")
+
+
+def _excess(trajectory: Trajectory) -> Array:
+    """Worst |value| / limit of torque, velocity and acceleration on the samples, ``(3,)``."""
+    return np.array([trajectory.limit_ratios[kind] for kind in KINDS])
+
+
+def _tightened(limits: Array, excess: Array) -> Array:
+    """Limits ``(3, n)`` of the next attempt after the samples of one have exceeded the true ones."""
+    tighter: Array = limits * np.where(excess > 1.0, (1.0 - BACK_OFF) / np.maximum(excess, 1.0), 1.0)[:, None]
+    return tighter
+
+
+def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Trajectory:
+    """A profile (None: staying at the start) on dense samples, by exact kinematics and inverse dynamics."""
+    problem = way.problem
+    t, r, rate, acceleration = _sample(way, profile)
+    if math.isclose(t[-1], problem.horizon, rel_tol=ON_TIME):
+        t[-1] = problem.horizon
+    q, slope, curvature = way.joints(r)
+    if isinstance(problem.target, FixedJoints):
+        q[-1] = problem.target.q  # to the last digit
+    qd = slope * rate[:, None]
+    qdd = curvature * rate[:, None] ** 2 + slope * acceleration[:, None]
+    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
+    ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
+    if ratios["jerk"] > 0.0:  # there is a limit, and jumps of the acceleration
+        ratios["jerk"] = math.inf
+    load = np.sum(tau**2 if objective == "PI2" else np.abs(tau), axis=1)
+    return Trajectory(
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        limit_ratios=ratios,
+        cost=float(np.trapezoid(load, t)),
+        rendezvous_time=float(t[-1]),
+        planner="dpct (torque index)",
+    )
+
+
+def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:
+    """Time, r, its rate and its acceleration, ``(samples,)`` each, to rest at the end."""
+    if profile is None:
+        return np.array([0.0, way.problem.horizon]), np.zeros(2), np.zeros(2), np.zeros(2)
+    speeds, stage = profile.speeds, profile.rest_stage
+    acceleration = np.diff(speeds**2) / (2.0 * np.diff(way.r))
+    duration = 2.0 * np.diff(way.r) / (speeds[:-1] + speeds[1:])
+    steps = np.stack([way.r[:-1], speeds[:-1], acceleration, duration])
+    if profile.rest > 0.0:
+        steps = np.insert(steps, stage, [way.r[stage], 0.0, 0.0, profile.rest], axis=1)
+    begin = np.append(0.0, np.cumsum(steps[3]))
+    parts = np.clip(np.ceil(steps[3] / SAMPLING_STEP).astype(int), SAMPLES, MOST_SAMPLES)
+    step = np.repeat(np.arange(len(parts)), parts + 1)
+    part = np.arange(len(step)) - (np.cumsum(parts + 1) - (parts + 1))[step]
+    r, rate, acceleration, duration = steps[:, step]
+    last = duration - np.minimum(JUST_BEFORE, BEFORE_SHARE * duration)
+    since = np.where(part < parts[step], duration * part / parts[step], last)
+    t = np.append(begin[step] + since, begin[-1])
+    r = np.append(r + since * (rate + 0.5 * since * acceleration), 1.0)
+    rate, acceleration = np.append(rate + since * acceleration, 0.0), np.append(acceleration, 0.0)
+    return t, r, rate, acceleration

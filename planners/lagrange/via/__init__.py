@@ -1,0 +1,1 @@
+"""Lagrange interpolation through two via-nodes, past moving discs."""

@@ -1,0 +1,225 @@
+"""The dodging Lagrange planner: past moving discs to a fixed target, by via-nodes.
+
+It is made to be asked again every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the state the arm is
+in, and ends at rest, so that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
+of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (eq 8, 9)
+on six Chebyshev-Lobatto nodes with the velocities of both ends met. As in the paper, angles at the inner nodes are
+found by direct search; here the cost counts time and closeness to the discs besides torque, and the duration is free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+from numba import njit
+
+from planners.goals import Elbow, goal_postures
+from planners.lagrange.via.curve import DEGREE, interpolate, sample_derivative
+from planners.lagrange.via.search import CONTACT, SHARE, CostModel, Ends, Situation, search
+from planners.motion.double_integrator import rest_time
+from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.typing import Array
+
+DISPLACEMENTS = (0.2, 0.5, 0.9)
+"""How far the via-nodes are displaced, rad."""
+
+PROFILES = ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
+"""Shares of that at the first and at the second via-node."""
+
+RETREATS = (0.15, 0.4, 0.8)
+"""How far from where the arm can stop it may go to wait, rad."""
+
+SHORTEST = 0.2
+"""Least duration of a motion that is tried, s."""
+
+SLOWEST = 0.03
+"""Speed of a disc below which waiting for it is no longer made more costly, m/s."""
+
+SAMPLE_STEP = 0.01
+"""Longest time between samples of the trajectory, s."""
+
+
+def plan_via(
+    problem: MotionProblem,
+    *,
+    elbow: Elbow = "best",
+    margin: float = 0.03,
+    trusted: float = 1.6,
+    keep_out: float = 0.0,
+    hold: float = 0.4,
+) -> Trajectory:
+    """Move to rest at a fixed target as soon as the limits and the obstacles allow.
+
+    Obstacles are predicted to go straight on. Where no way to the target is good, the plan ends in a posture to wait
+    in: stopping at once, or a little aside. Where no candidate is free of contact, it is the one of the latest contact.
+
+    Args:
+        problem: with a fixed target, and limits of velocity and acceleration; at rest or moving. The accelerations of
+            the start are not continued.
+        elbow: branch on which a target of the hand is met: the better one, the start's or a given one.
+        margin: clearance that is to be kept from obstacles, m, more than 0; it grows with the time ahead.
+        trusted: how long the prediction of the obstacles counts, s.
+        keep_out: how far from the base the obstacles' centres stay, m; predicted closer, they slide around it.
+        hold: how long the target is to be held, s; what comes after that does not matter.
+
+    Returns:
+        The trajectory. Its cost, in seconds, is that of the search: 1000 or more if contact with an obstacle is
+        predicted. Its ``rendezvous_time`` is infinite if it ends in a posture to wait in.
+
+    Raises:
+        Infeasible: with reason ``unreachable``; ``late`` if the horizon is too short; ``start`` if the start leaves no
+            motion within the limits.
+        ValueError: if the target moves, a limit is missing, or an option is out of range.
+    """
+    if isinstance(problem.target, MovingHand):
+        raise ValueError('variant "via" needs a target that does not move; variant "optimal" meets a moving one')
+    options = {"margin": margin, "trusted": trusted, "keep_out": keep_out, "hold": hold}
+    _require_sensible(problem, options)
+    model = CostModel(margin, trusted, keep_out, hold)
+    situation = _situation(problem)
+    patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
+    goals = np.array(goal_postures(problem, problem.target, elbow))
+    ends = list_ends(situation, model, goals, offsets, len(patterns))
+    soonest = float(ends.soonest[: len(goals)].min())
+    if soonest > problem.horizon:
+        raise _late(problem, soonest)
+    via = np.zeros((2, problem.arm.n_joints))
+    found = search(situation, model, ends, patterns, via)
+    if found.end < 0:
+        raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
+    if found.end >= len(goals) and not problem.obstacles:  # there is nothing to wait for
+        raise _late(problem, soonest)
+    c = np.empty((problem.arm.n_joints, DEGREE + 1))
+    interpolate(situation.q, situation.qd, ends.q[found.end], via, found.duration, c)
+    return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
+
+
+def contact_predicted(plan: Trajectory) -> bool:
+    """Whether a plan of `plan_via` is one that only puts off contact."""
+    return plan.cost >= CONTACT
+
+
+def _require_sensible(problem: MotionProblem, options: Mapping[str, float]) -> None:
+    for name, value in options.items():
+        if not (math.isfinite(value) and value >= 0.0) or (name == "margin" and value == 0.0):
+            least = "positive" if name == "margin" else "not negative"
+            raise ValueError(f"{name} {value} must be finite and {least}")
+    for kind in ("velocity", "acceleration"):
+        values = getattr(problem.joint_limits, kind)
+        if not np.isfinite(values).all():
+            raise ValueError(f"{kind} limits {values}: variant 'via' needs finite ones; set the problem's limits")
+
+
+def _late(problem: MotionProblem, soonest: float) -> Infeasible:
+    return Infeasible(
+        "late",
+        f"no motion to the target found that takes {problem.horizon:.4g} s or less; {soonest:.4g} s is the least",
+        minimum_time=soonest,
+    )
+
+
+def _situation(problem: MotionProblem) -> Situation:
+    arm, limits = problem.loaded_arm, problem.joint_limits
+    coupling, weight = arm.chain_constants
+    discs = [(*obstacle.position, *obstacle.velocity, obstacle.radius) for obstacle in problem.obstacles]
+    q, qd, _ = problem.start
+    return Situation(
+        lengths=arm.length_array,
+        base=arm.base_array,
+        link_radius=arm.link_radius,
+        coupling=coupling,
+        weight=weight,
+        torque=np.array(limits.torque),
+        velocity=np.array(limits.velocity),
+        acceleration=np.array(limits.acceleration),
+        jerk=np.array(limits.jerk),
+        angle=np.array(limits.angle),
+        q=q.copy(),
+        qd=qd.copy(),
+        discs=np.array(discs).reshape(-1, 5),
+        horizon=problem.horizon,
+    )
+
+
+@lru_cache
+def _patterns(n_joints: int) -> Array:
+    """Displacements of the via-nodes, ``(patterns, 2, n)``, rad; none first."""
+    sides = _sides(n_joints)
+    displaced = [size * np.outer(profile, side) for size in DISPLACEMENTS for profile in PROFILES for side in sides]
+    return np.array([np.zeros((2, n_joints)), *displaced])
+
+
+@lru_cache
+def _offsets(n_joints: int) -> Array:
+    """Offsets of the postures to wait in from the one to stop in, ``(offsets, n)``, rad; none first."""
+    aside = [size * side for size in RETREATS for side in _sides(n_joints)]
+    return np.array([np.zeros(n_joints), *aside])
+
+
+def _sides(n_joints: int) -> list[Array]:
+    """Every joint back, not at all or forth, ``(n,)``, but for none at all."""
+    return [np.array(signs) for signs in product((-1.0, 0.0, 1.0), repeat=n_joints) if any(signs)]
+
+
+@njit(cache=True, nogil=True)
+def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Array, patterns: int) -> Ends:
+    """Goals ``(goals, n)``, with every pattern, and postures to wait in: where the arm can stop, and off it.
+
+    The latter by ``offsets``, ``(offsets, n)``. Waiting postures outside of the joint ranges are left out. They are
+    gone to without via-nodes, and held for good.
+    """
+    n, still = situation.q.shape[0], np.zeros_like(situation.q)
+    most, count = goals.shape[0] + offsets.shape[0], goals.shape[0]
+    q, soonest = np.empty((most, n)), np.empty(most)
+    due, hold, tried = np.zeros(most), np.full(most, model.hold), np.full(most, patterns)
+    for g in range(count):
+        q[g], soonest[g] = goals[g], max(SHORTEST, _least_time(situation, situation.q, situation.qd, goals[g]))
+    waiting = 0.0
+    for disc in situation.discs:
+        waiting = max(waiting, model.clearing / max(math.hypot(disc[2], disc[3]), SLOWEST))
+    braking = SHORTEST
+    for i in range(n):
+        braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
+    for offset in offsets:
+        posture = situation.q + 0.5 * braking * situation.qd + offset
+        if (np.abs(posture) > situation.angle).any():
+            continue
+        q[count], hold[count], tried[count] = posture, np.inf, 1
+        soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, posture))
+        due[count] = np.inf
+        for goal in goals:
+            due[count] = min(due[count], waiting + model.detour * _least_time(situation, posture, still, goal))
+        count += 1
+    return Ends(q[:count], due[:count], hold[:count], soonest[:count], tried[:count])
+
+
+@njit(cache=True, nogil=True)
+def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
+    """Time in which every joint by itself can come to rest at ``end``, s."""
+    longest = 0.0
+    for i in range(q.shape[0]):
+        top, rise = SHARE * situation.velocity[i], SHARE * situation.acceleration[i]
+        longest = max(longest, rest_time(end[i] - q[i], qd[i], top, rise))
+    return longest
+
+
+def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, *, waits: bool) -> Trajectory:
+    """Sample an interpolant."""
+    t = np.linspace(0.0, duration, max(2, math.ceil(duration / SAMPLE_STEP)) + 1)
+    q, qd, qdd = (sample_derivative(c, order, t / duration) / duration**order for order in range(3))
+    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
+    return Trajectory(
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
+        cost=cost,
+        rendezvous_time=math.inf if waits else duration,
+        planner="lagrange (via)",
+    )

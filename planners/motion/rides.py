@@ -1,0 +1,110 @@
+"""Where and when the hand can ride with the target, and why a rendezvous is impossible when it is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.motion.line import Line
+from planners.typing import Array
+
+KINDS = ("torque", "velocity", "acceleration", "jerk")
+
+
+RIDE_LOAD = 1.0 - 2e-5
+"""Largest load at which the target counts as rideable: a little less than 1, for what lies between two samples."""
+
+
+STILL = 1e-9
+"""Motion within the horizon, as a fraction of the reach, below which a target stands still."""
+
+
+class Window(NamedTuple):
+    """A time interval in which riding exactly with the target keeps every limit, s."""
+
+    opens: float
+    closes: float
+
+
+def limit_table(line: Line) -> Array:
+    """Limits of torque, velocity, acceleration and jerk, ``(4, n)``."""
+    limits = line.problem.joint_limits
+    return np.array([getattr(limits, kind) for kind in KINDS])
+
+
+def ride_load(line: Line, t: Array) -> Array:
+    """|value| / limit of every kind and joint while the hand rides with the target, ``(samples, 4, n)``.
+
+    Infinite where the target is off the part of the line the joints can be on.
+    """
+    r, v, a = line.target_at(t)
+    limits = limit_table(line)
+    load = np.full((len(t), *limits.shape), np.inf)
+    on_line = (r >= line.low) & (r <= line.high)
+    if on_line.any():
+        _, *values = joint_motion(line, r[on_line], v[on_line], a[on_line], np.zeros(int(on_line.sum())))
+        load[on_line] = np.abs(np.stack(values, axis=1)) / limits
+    return load
+
+
+def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """``q``, torque (eq 8), ``qd``, ``qdd`` and joint jerk (eq 9-11), exactly, each ``(samples, n)``."""
+    f = line.path.derivatives(r)
+    v, a, j = v[:, None], a[:, None], j[:, None]
+    qd = f[:, 1] * v
+    qdd = f[:, 2] * v**2 + f[:, 1] * a
+    jerk = f[:, 3] * v**3 + 3.0 * f[:, 2] * v * a + f[:, 1] * j
+    q = np.ascontiguousarray(f[:, 0])
+    return q, line.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk
+
+
+def ride_windows(line: Line) -> list[Window]:
+    """Maximal intervals in which the target can be ridden, from time 0 until it leaves the path, in order.
+
+    They are found on a grid (finer within the horizon) and their edges refined, on the safe side, to 1e-8 of the
+    horizon. A target that stands still leaves the last one open: it closes at infinity.
+    """
+    horizon, leaving = line.problem.horizon, _leaving_time(line)
+    t = np.linspace(0.0, min(horizon, leaving), 241)
+    if horizon < leaving < math.inf:
+        t = np.append(t, np.linspace(horizon, leaving, 121)[1:])
+    rideable = _rideable(line, t)
+    edges = np.flatnonzero(rideable[1:] != rideable[:-1])
+    times = [_edge(line, t[i], t[i + 1], bool(rideable[i])) for i in edges]
+    if rideable[0]:
+        times.insert(0, 0.0)
+    if rideable[-1]:
+        times.append(float(t[-1]) if leaving < math.inf else math.inf)
+    return [Window(opens, closes) for opens, closes in zip(times[::2], times[1::2], strict=True) if closes > opens]
+
+
+def _rideable(line: Line, t: Array) -> NDArray[np.bool_]:
+    """Whether the target can be ridden at times ``t``."""
+    return np.asarray(ride_load(line, t).max(axis=(1, 2)) <= RIDE_LOAD)
+
+
+def _edge(line: Line, left: float, right: float, closing: bool) -> float:
+    """The last (closing) or first (opening) rideable instant of a bracket."""
+    for _ in range(3):
+        t = np.linspace(left, right, 65)
+        first = int(np.argmax(_rideable(line, t) != closing))
+        left, right = t[first - 1], t[first]
+    return float(left if closing else right)
+
+
+def _leaving_time(line: Line) -> float:
+    """When the target leaves the line beyond the end it moves to, inf if never, s."""
+    position, velocity, acceleration = line.target
+    horizon = line.problem.horizon
+    drift = np.array([0.5 * acceleration * horizon**2, velocity * horizon])
+    drift[np.abs(drift) < STILL * line.problem.arm.reach] = 0.0
+    if not drift.any():
+        return math.inf
+    times = [0.0]
+    for end in (line.low, line.high):
+        roots = np.roots(np.trim_zeros(np.append(drift, position - end), "f"))
+        times += [horizon * float(root.real) for root in roots if abs(root.imag) < 1e-12]
+    return max(times)

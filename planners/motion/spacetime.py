@@ -1,0 +1,273 @@
+"""Whether a two-link arm can reach a place among moving discs at all, and how soon: a search in space and time.
+
+The search knows where every disc will be, which no planner does: it is a bound for those that see only the present.
+It is a hybrid A* (D. Dolgov et al., "Practical Search Techniques in Path Planning for Autonomous Driving", 2008) in
+joint angles, velocities and time: a lattice of motions with constant accelerations, an admissible heuristic in closed
+form, and from every state that is expanded time-optimal motions to rest at the goal in continuous time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planners.motion.double_integrator import BRAKE, CRUISE, RISE, along_profile
+from planners.motion.spacetime_search import FOUND, GAVE_UP, LAYER, Effort, Lattice, States, explore
+from planners.motion.spacetime_world import Goal, World
+from planners.problem import Trajectory, limit_ratios
+from planners.robot.arm import Arm, JointLimits
+from planners.typing import Array
+
+Verdict = Literal["found", "exhausted", "gave up"]
+
+Pieces = tuple[Array, Array, Array, Array]
+"""Stretches of constant acceleration: when each begins, ``(pieces,)``, and q, qd and qdd there, ``(pieces, 2)``."""
+
+MARGIN = 0.003
+"""Clearance at every sample of the path, m, that leaves some between samples.
+
+The distance d from a disc's centre to a point of the arm has a second derivative of at most ``v^2 / d + a``, where v
+and a are their relative velocity and acceleration, so between two samples it dips below both by at most
+``(v^2 / d + a) h^2 / 8``. That is 2.1 mm for samples h = 10 ms apart, 4.6 m/s, 20 m/s^2 and d = 0.145 m: the stretched
+SCARA_50CM with both joints at their limits, against a disc of 0.1 m at 1 m/s.
+"""
+
+TORQUE_SHARE = 0.99
+"""Share of the torque limits that is used: they are looked at in some places only."""
+
+POLISH = 4
+"""Where a coarser lattice has found a motion, the next may keep this many times fewer states to find a sooner one."""
+
+RING = 0.8
+"""Radius of a ring of further places to stop at around the goal, as a share of the tolerance."""
+
+RING_PLACES = 8
+
+GRID = 0.002
+"""Spacing of the samples of the motion that is returned, s."""
+
+JUMP = 1e-6
+"""How long a jump of the acceleration lasts in the samples, s: in between, the motion is then as exact as at them."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search found.
+
+    Attributes:
+        verdict: ``found``; ``exhausted``: no motion exists at the resolution of the lattice; or ``gave up``: more
+            states would have had to be kept than were allowed.
+        trajectory: the motion until the goal has been held long enough, or None. Its ``rendezvous_time`` is when the
+            hand enters the tolerance for good, its ``cost`` the same.
+        lower_bound: a time, s, before which no motion of the lattice has the hand in the tolerance for good; inf if
+            there is none.
+        expanded: number of states that were looked at.
+    """
+
+    verdict: Verdict
+    trajectory: Trajectory | None
+    lower_bound: float
+    expanded: int
+
+    @property
+    def time_to_goal(self) -> float:
+        """When the hand enters the tolerance for good, s; inf without a motion."""
+        return math.inf if self.trajectory is None else self.trajectory.rendezvous_time
+
+
+def search(
+    arm: Arm,
+    q: ArrayLike,
+    goal: ArrayLike,
+    path: ArrayLike,
+    step: float,
+    radii: ArrayLike,
+    *,
+    limits: JointLimits | None = None,
+    tolerance: float = 0.03,
+    hold: float = 0.5,
+    horizon: float = 8.0,
+    time_steps: Sequence[float] = (0.2, 0.1),
+    gap: float = 0.05,
+    margin: float = MARGIN,
+    nodes: int = 2_000_000,
+) -> Answer:
+    """Bring the hand to ``goal`` and hold it there, as soon as possible, without touching a disc.
+
+    Args:
+        arm: two links.
+        q: joint angles at time 0, at rest, ``(2,)``, rad.
+        goal: position of the hand, ``(2,)``, m.
+        path: centres of the discs at times 0, ``step``, 2 ``step``, ..., straight in between, ``(samples, k, 2)``, m.
+            It must not end before the horizon.
+        step: s.
+        radii: of the discs, ``(k,)``, m.
+        limits: what the joints may do; the arm's with half of its acceleration when left out.
+        tolerance: how far from the goal the hand may be, m.
+        hold: how long it is to be held, s.
+        horizon: when it must have been held, s.
+        time_steps: of the lattices to search one after the other, s; multiples of ``step``. The last one decides what
+            is exhausted; a coarser one before it finds motions that wait for long, and spares it what is later.
+        gap: how much later than the last lattice's earliest motion the answer may be, s.
+        margin: clearance to be kept at every sample, m.
+        nodes: most states of a lattice to keep before giving up.
+
+    Raises:
+        UnreachableTarget: if the goal is out of the arm's reach.
+        ValueError: if shapes or numbers make no sense.
+    """
+    limits = limits or replace(arm.limits, acceleration=tuple(0.5 * a for a in arm.limits.acceleration))
+    start, centers, sizes, place = (np.asarray(value, dtype=float) for value in (q, path, radii, goal))
+    _check(arm, limits, start, place, centers, sizes, step, time_steps, horizon)
+    last = round(horizon / step)
+    centers = np.ascontiguousarray(centers[: last + 1])
+    pace = float(np.max(np.hypot(*np.moveaxis(np.diff(centers, axis=0), -1, 0)), initial=0.0)) / step
+    world = World(
+        arm.length_array,
+        arm.base_array,
+        arm.link_radius,
+        *arm.chain_constants,
+        TORQUE_SHARE * np.array(limits.torque),
+        np.array(limits.velocity),
+        np.array(limits.acceleration),
+        np.array(limits.angle),
+        centers,
+        sizes,
+        pace,
+        step,
+        margin,
+    )
+    target = _goal(world, arm, place, tolerance, round(hold / step))
+    trajectory: Trajectory | None = None
+    verdict, lower, expanded, entry = GAVE_UP, 0.0, 0, len(centers)
+    for time_step in time_steps:
+        lattice = Lattice(start, world.acceleration * time_step, round(time_step / step), time_step)
+        effort = Effort(gap, nodes if trajectory is None else nodes // POLISH, entry)
+        verdict, sooner, lower, looked_at, motion, profiles = explore(world, target, lattice, effort)
+        expanded += looked_at
+        if verdict == FOUND:
+            entry = sooner
+            pieces = _pieces(world, lattice, motion, profiles)
+            trajectory = _sample(arm, limits, pieces, entry * step, (entry + target.hold) * step)
+    if trajectory is not None:
+        return Answer("found", trajectory, lower, expanded)
+    if verdict == GAVE_UP:
+        return Answer("gave up", None, lower, expanded)
+    return Answer("exhausted", None, math.inf, expanded)
+
+
+def _check(
+    arm: Arm,
+    limits: JointLimits,
+    start: Array,
+    goal: Array,
+    path: Array,
+    radii: Array,
+    step: float,
+    time_steps: Sequence[float],
+    horizon: float,
+) -> None:
+    """Refuse what makes no sense."""
+    if arm.n_joints != 2:
+        raise ValueError(f"{arm.name} has {arm.n_joints} joints; this search is for two")
+    for name, array, shape in (("q", start, (2,)), ("goal", goal, (2,)), ("path", path, (len(path), len(radii), 2))):
+        if array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"{name} has shape {array.shape}; it must be finite and have shape {shape}")
+    if not all(math.isfinite(value) for kind in (limits.velocity, limits.acceleration, limits.angle) for value in kind):
+        raise ValueError(f"limits {limits} must be finite in velocity, acceleration and angle to make a lattice")
+    if not time_steps or any(abs(dt / step - round(dt / step)) > 1e-6 or dt < step for dt in time_steps):
+        raise ValueError(f"time_steps {time_steps} s must be multiples of the path's step, {step} s, and at least one")
+    if (len(path) - 1) * step < horizon - 1e-6 * step:
+        raise ValueError(f"the path lasts {(len(path) - 1) * step:.4g} s; it must not end before {horizon} s")
+    if np.any(np.abs(start) > np.array(limits.angle)):
+        raise ValueError(f"q {start} is out of the joints' ranges, {limits.angle} rad")
+
+
+def _goal(world: World, arm: Arm, place: Array, tolerance: float, hold: int) -> Goal:
+    """The goal in joint angles, and when it may be held."""
+    arm.inverse_kinematics(place)  # raises where the goal is out of reach
+    turns = 2.0 * np.pi * np.arange(RING_PLACES) / RING_PLACES
+    ring = place + RING * tolerance * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    aims = _postures(arm, np.concatenate([place[None], ring])).reshape(-1, 2)
+    aims = aims[np.all(np.abs(aims) <= world.angle, axis=1)]
+    windows = _windows(world, place, tolerance, hold)
+    return Goal(place, tolerance, hold, windows, aims, _boxes(arm, place, tolerance))
+
+
+def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray[np.int64]:
+    """See `Goal`: wherever the hand is in the tolerance, a disc that comes this near to the goal touches it."""
+    samples = len(world.path)
+    near = world.radii + world.link_radius + world.margin - tolerance
+    blocked = np.any(np.hypot(*np.moveaxis(world.path - place, -1, 0)) < near, axis=1)
+    blocks = np.concatenate([[0], np.cumsum(blocked)])
+    begins = np.full(samples, samples)
+    first = np.arange(samples - hold)
+    free = blocks[first + hold + 1] == blocks[first]
+    begins[first[free]] = first[free]
+    windows: NDArray[np.int64] = np.minimum.accumulate(begins[::-1])[::-1].copy()
+    return windows
+
+
+def _postures(arm: Arm, hands: Array) -> Array:
+    """Both postures for hand positions ``(lanes, 2)`` that are moved into the arm's reach, ``(lanes, 2, 2)``."""
+    away = hands - arm.base_array
+    distance = np.hypot(*away.T)[:, None]
+    within = np.clip(distance, abs(arm.lengths[0] - arm.lengths[1]), arm.reach)
+    return arm.inverse_kinematics(arm.base_array + away * within / np.maximum(distance, np.finfo(float).tiny))
+
+
+def _boxes(arm: Arm, place: Array, tolerance: float) -> Array:
+    """Ranges of angles of each branch with the hand within the tolerance, slightly too wide, ``(2, 2, 2)``."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    shares = np.linspace(0.0, 1.001, 6)
+    disc = place + tolerance * np.stack(
+        [np.outer(shares, np.cos(turns)).ravel(), np.outer(shares, np.sin(turns)).ravel()], axis=1
+    )
+    postures = _postures(arm, disc)
+    return np.stack([postures.min(axis=0), postures.max(axis=0)], axis=-1)
+
+
+def _pieces(world: World, lattice: Lattice, motion: States, profiles: Array) -> Pieces:
+    """The motion to the last state, and from there to rest."""
+    steps = motion.astype(float)
+    q = lattice.start + 0.5 * lattice.speed * lattice.dt * steps[:, [0, 2]]
+    qd = lattice.speed * steps[:, [1, 3]]
+    phases = np.cumsum(profiles[:, [RISE, CRUISE, BRAKE]], axis=1)
+    switches = np.unique(np.concatenate([[0.0], phases.ravel()]))
+    inside = switches + 0.5 * np.diff(switches, append=switches[-1] + 1.0)
+
+    def along(times: Array) -> Array:
+        joints = [(profile, v, a) for profile, v, a in zip(profiles, qd[-1], world.acceleration, strict=True)]
+        return np.array([[along_profile(*joint, t) for joint in joints] for t in times])
+
+    final = along(switches)
+    begun = steps[-1, LAYER] * lattice.dt
+    return (
+        np.concatenate([steps[:-1, LAYER] * lattice.dt, begun + switches]),
+        np.concatenate([q[:-1], q[-1] + final[:, :, 0]]),
+        np.concatenate([qd[:-1], final[:, :, 1]]),
+        np.concatenate([np.diff(qd, axis=0) / lattice.dt, along(inside)[:, :, 2]]),
+    )
+
+
+def _sample(arm: Arm, limits: JointLimits, pieces: Pieces, entry: float, end: float) -> Trajectory:
+    """The motion on a dense grid until ``end``."""
+    begins, q0, qd0, accelerations = pieces
+    jumps = begins[(begins > JUMP) & (begins < end - JUMP)]
+    jumps = jumps[np.diff(jumps, prepend=-1.0) > 2.0 * JUMP]
+    grid = np.linspace(0.0, end, round(end / GRID) + 1)
+    near = np.min(np.abs(grid[:, None] - jumps), axis=1, initial=np.inf) < 2.0 * JUMP
+    t = np.sort(np.concatenate([grid[~near], jumps - JUMP, jumps]))
+    piece = np.searchsorted(begins, t, side="right") - 1
+    since = (t - begins[piece])[:, None]
+    qdd = accelerations[piece]
+    qd = qd0[piece] + since * qdd
+    q = q0[piece] + since * (qd0[piece] + 0.5 * since * qdd)
+    tau = arm.inverse_dynamics(q, qd, qdd)
+    ratios = limit_ratios(limits, t, q, qd, qdd, tau)
+    return Trajectory(t, q, qd, qdd, tau, ratios, entry, entry, "space-time search")

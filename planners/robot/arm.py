@@ -1,0 +1,303 @@
+"""The robot: `Arm`, what it is made of, what its joints may do, and the arms of the papers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planners.robot import clearance, dynamics, kinematics
+from planners.typing import Array
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Symmetric limits of every joint; ``inf`` means no limit.
+
+    Attributes:
+        torque: N m.
+        velocity: rad/s.
+        acceleration: rad/s^2.
+        jerk: rad/s^3.
+        angle: largest absolute joint angle, rad.
+    """
+
+    torque: tuple[float, ...]
+    velocity: tuple[float, ...] = ()
+    acceleration: tuple[float, ...] = ()
+    jerk: tuple[float, ...] = ()
+    angle: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.torque)
+        for spec in fields(self):
+            values = getattr(self, spec.name) or (math.inf,) * n
+            object.__setattr__(self, spec.name, tuple(float(value) for value in values))
+            if len(values) != n:
+                raise ValueError(f"{spec.name} limits: {len(values)} values for {n} joints; give one per joint")
+            if not all(value > 0.0 for value in values):
+                raise ValueError(f"{spec.name} limits {values} must be positive; use inf for no limit")
+
+    @classmethod
+    def unlimited(cls, n_joints: int) -> JointLimits:
+        """No limit on any of ``n_joints`` joints."""
+        return cls(torque=(math.inf,) * n_joints)
+
+    def scaled(self, factor: float) -> JointLimits:
+        """Torque, velocity, acceleration and jerk limits times ``factor``; joint angles keep theirs."""
+        return replace(
+            self,
+            torque=tuple(factor * value for value in self.torque),
+            velocity=tuple(factor * value for value in self.velocity),
+            acceleration=tuple(factor * value for value in self.acceleration),
+            jerk=tuple(factor * value for value in self.jerk),
+        )
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A planar chain of revolute joints.
+
+    ``q = 0`` is the arm stretched along +x; angles are relative and counter-clockwise; gravity acts along -y
+    (0 for an arm that moves in the horizontal plane).
+
+    Attributes:
+        name: what messages and tables call it.
+        lengths: link lengths, m.
+        masses: link masses, kg.
+        limits: what the joints may do.
+        coms: distance of each link's centre of mass from its own joint, m; half the length when left out.
+        inertias: moment of inertia about each centre of mass, kg m^2; a uniform rod's (m l^2 / 12) when left out.
+        gravity: m/s^2.
+        base: position of the first joint, m.
+        link_radius: of every link, a capsule around the line between its joints, m; for clearances only.
+    """
+
+    name: str
+    lengths: tuple[float, ...]
+    masses: tuple[float, ...]
+    limits: JointLimits
+    coms: tuple[float, ...] = ()
+    inertias: tuple[float, ...] = ()
+    gravity: float = 0.0
+    base: tuple[float, float] = field(default=(0.0, 0.0))
+    link_radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        n = len(self.lengths)
+        rods = zip(self.masses, self.lengths, strict=False)
+        defaults: dict[str, tuple[float, ...]] = {
+            "lengths": (),
+            "masses": (),
+            "base": (),
+            "coms": tuple(length / 2.0 for length in self.lengths),
+            "inertias": tuple(mass * length**2 / 12.0 for mass, length in rods),
+        }
+        for name, default in defaults.items():
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name) or default))
+        if n == 0:
+            raise ValueError(f"{self.name}: an arm needs at least one link")
+        for name in ("lengths", "masses", "coms", "inertias"):
+            values = getattr(self, name)
+            if len(values) != n:
+                raise ValueError(f"{self.name}: {len(values)} {name} for {n} links; give one per link")
+            lowest = 0.0 if name in ("coms", "inertias") else math.ulp(0.0)
+            if not all(math.isfinite(value) and value >= lowest for value in values):
+                raise ValueError(f"{self.name}: {name} {values} must be finite and positive")
+        # about its own joint every link must resist turning, or the mass matrix is singular in some posture
+        for link, (com, inertia) in enumerate(zip(self.coms, self.inertias, strict=True)):
+            if com == inertia == 0.0:
+                raise ValueError(f"{self.name}: link {link} has com 0 and inertia 0; one of them must be positive")
+        if len(self.limits.torque) != n:
+            raise ValueError(f"{self.name}: limits are given for {len(self.limits.torque)} joints, the arm has {n}")
+        if not math.isfinite(self.gravity):
+            raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
+        if len(self.base) != 2 or not all(math.isfinite(value) for value in self.base):
+            raise ValueError(f"{self.name}: base {self.base} must be two finite numbers")
+        if not (math.isfinite(self.link_radius) and self.link_radius >= 0.0):
+            raise ValueError(f"{self.name}: link_radius {self.link_radius} must be finite and not negative")
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints, which is the number of links."""
+        return len(self.lengths)
+
+    @property
+    def reach(self) -> float:
+        """Distance of the hand from the base when stretched, m."""
+        return float(sum(self.lengths))
+
+    @cached_property
+    def length_array(self) -> Array:
+        """Link lengths as an array, ``(n,)``, m."""
+        return np.array(self.lengths)
+
+    @cached_property
+    def base_array(self) -> Array:
+        """Position of the first joint as an array, ``(2,)``, m."""
+        return np.array(self.base, dtype=float)
+
+    @cached_property
+    def chain_constants(self) -> tuple[Array, Array]:
+        """Coupling matrix ``(n, n)``, kg m^2, and weight ``(n,)``, N m: see :mod:`planners.robot.dynamics`."""
+        coupling, static_moments = dynamics.chain_constants(
+            self.length_array, np.array(self.masses), np.array(self.coms), np.array(self.inertias)
+        )
+        return coupling, self.gravity * static_moments
+
+    def with_payload(self, mass: float) -> Arm:
+        """The same arm holding a point mass (kg) at its hand.
+
+        Raises:
+            ValueError: if the mass is negative or not finite.
+        """
+        if not (math.isfinite(mass) and mass >= 0.0):
+            raise ValueError(f"payload mass {mass} kg must be finite and not negative")
+        if mass == 0.0:
+            return self
+        link, com, length = self.masses[-1], self.coms[-1], self.lengths[-1]
+        both = link + mass
+        new_com = (link * com + mass * length) / both
+        inertia = self.inertias[-1] + link * (com - new_com) ** 2 + mass * (length - new_com) ** 2
+        return replace(
+            self,
+            masses=(*self.masses[:-1], both),
+            coms=(*self.coms[:-1], new_com),
+            inertias=(*self.inertias[:-1], inertia),
+        )
+
+    def joint_positions(self, q: ArrayLike) -> Array:
+        """Positions of every joint and of the hand, ``(n + 1, 2)`` or ``(lanes, n + 1, 2)``, m."""
+        (lanes,), single = self._lanes(q)
+        points = kinematics.joint_positions(self.length_array, self.base_array, lanes)
+        return points[0] if single else points
+
+    def forward_kinematics(self, q: ArrayLike) -> Array:
+        """Hand position, ``(2,)`` or ``(lanes, 2)``, m, for ``q`` of ``(n,)`` or ``(lanes, n)``, rad."""
+        return self.joint_positions(q)[..., -1, :]
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of the hand position by the joint angles, ``(2, n)`` or ``(lanes, 2, n)``, m."""
+        (lanes,), single = self._lanes(q)
+        matrices = kinematics.jacobian(self.length_array, lanes)
+        return matrices[0] if single else matrices
+
+    def inverse_kinematics(self, hand: ArrayLike, orientation: ArrayLike | None = None) -> Array:
+        """Every joint posture that puts the hand at a position, in closed form.
+
+        Args:
+            hand: position, ``(2,)`` or ``(lanes, 2)``, m.
+            orientation: absolute angle of the last link, a number or ``(lanes,)``, rad: needed for three links,
+                refused for two (where the position alone decides).
+
+        Returns:
+            ``(2, n)`` or ``(lanes, 2, n)``, rad: first the branch with ``q2 >= 0`` (elbow +), then ``q2 <= 0``.
+            On the rim of the workspace the two are equal.
+
+        Raises:
+            UnreachableTarget: if a target is out of reach; the message names it and the reach.
+            ValueError: if the arm has neither two nor three links, or the orientation is missing or unwanted.
+        """
+        target = np.asarray(hand, dtype=float)
+        if target.ndim not in (1, 2) or target.shape[-1] != 2:
+            raise ValueError(f"hand position has shape {target.shape}; give (2,) or (lanes, 2)")
+        lanes = np.atleast_2d(target)
+        if self.n_joints == 2:
+            if orientation is not None:
+                raise ValueError("two links cannot choose the orientation of the hand; leave it out")
+            q = kinematics.two_link_inverse(self.length_array, self.base_array, lanes)
+        elif self.n_joints == 3:
+            if orientation is None:
+                raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
+            angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(lanes))
+            q = kinematics.three_link_inverse(self.length_array, self.base_array, lanes, angles)
+        else:
+            raise ValueError(
+                f"closed-form inverse kinematics covers two and three links; {self.name} has {self.n_joints}"
+            )
+        return q[0] if target.ndim == 1 else q
+
+    def clearance(self, q: ArrayLike, position: ArrayLike, radius: float) -> Array:
+        """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
+
+        Args:
+            q: joint angles, ``(n,)`` or ``(lanes, n)``, rad.
+            position: centre of the disc, ``(2,)`` or ``(lanes, 2)``, m.
+            radius: of the disc, m.
+
+        Returns:
+            A number, or ``(lanes,)``.
+        """
+        (lanes,), single = self._lanes(q)
+        centers = np.ascontiguousarray(np.broadcast_to(np.asarray(position, dtype=float), (len(lanes), 2)))
+        gaps = clearance.clearance(self.length_array, self.base_array, self.link_radius, lanes, centers, radius)
+        return gaps[0] if single else gaps
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Mass matrix, ``(n, n)`` or ``(lanes, n, n)``, kg m^2."""
+        (lanes,), single = self._lanes(q)
+        matrices = dynamics.mass_matrix(self.chain_constants[0], lanes)
+        return matrices[0] if single else matrices
+
+    def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """Coriolis, centrifugal and gravity torques, ``(n,)`` or ``(lanes, n)``, N m."""
+        return self.inverse_dynamics(q, qd, np.zeros_like(np.asarray(q, dtype=float)))
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Joint torques ``M(q) qdd + h(q, qd)``, N m, for arguments all of ``(n,)`` or all of ``(lanes, n)``."""
+        lanes, single = self._lanes(q, qd, qdd)
+        tau = dynamics.inverse_dynamics(*self.chain_constants, *lanes)
+        return tau[0] if single else tau
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
+        """Joint accelerations ``M(q)^-1 (tau - h(q, qd))``, rad/s^2, for arguments all ``(n,)`` or ``(lanes, n)``."""
+        lanes, single = self._lanes(q, qd, tau)
+        qdd = dynamics.forward_dynamics(*self.chain_constants, *lanes)
+        return qdd[0] if single else qdd
+
+    def energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """Kinetic plus potential energy (zero at the height of the base), a number or ``(lanes,)``, J."""
+        (angles, speeds), single = self._lanes(q, qd)
+        total = dynamics.energy(*self.chain_constants, angles, speeds)
+        return total[0] if single else total
+
+    def _lanes(self, *arrays: ArrayLike) -> tuple[list[Array], bool]:
+        """The arguments as contiguous ``(lanes, n)`` arrays, and whether they came as single ``(n,)`` ones."""
+        given = [np.asarray(array, dtype=float) for array in arrays]
+        shape = given[0].shape
+        if len(shape) not in (1, 2) or any(array.shape != shape for array in given) or shape[-1] != self.n_joints:
+            shapes = ", ".join(str(array.shape) for array in given)
+            raise ValueError(
+                f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (lanes, {self.n_joints}) for all"
+            )
+        return [np.ascontiguousarray(np.atleast_2d(array)) for array in given], len(shape) == 1
+
+
+SCARA_1M = Arm(
+    name="SCARA_1M",
+    lengths=(1.0, 1.0),
+    masses=(1.0, 1.0),
+    limits=JointLimits(torque=(0.5, 0.2), velocity=(0.2, 0.2), acceleration=(0.3, 0.3), jerk=(2.3, 2.0)),
+)
+"""Two uniform rods of 1 m and 1 kg in the horizontal plane, limits of the conveyor-tracking paper (eq 36, 37)."""
+
+PLANAR_3R = Arm(
+    name="PLANAR_3R",
+    lengths=(0.2, 0.4, 0.2),
+    masses=(1.0, 2.0, 1.0),
+    limits=JointLimits(torque=(20.0, 10.0, 5.0), angle=(math.inf, math.radians(150.0), math.radians(150.0))),
+)
+"""Three uniform rods of 0.2, 0.4 and 0.2 m, 1, 2 and 1 kg: the arm of the minimal-torque paper."""
+
+SCARA_50CM = Arm(
+    name="SCARA_50CM",
+    lengths=(0.5, 0.5),
+    masses=(2.0, 2.0),
+    limits=JointLimits(torque=(10.0, 4.0), velocity=(2.4, 2.4), acceleration=(9.0, 16.0), angle=(2.88, 2.62)),
+    link_radius=0.045,
+)
+"""Two uniform rods of 0.5 m and 2 kg in the horizontal plane: the arm that dodges. Its acceleration limits leave
+a planner that keeps to half of them, as those for this arm do, the other half for evading."""

@@ -1,0 +1,113 @@
+"""What is possible in ObstacleDodge-v0: for each seed whether a motion exists at all, and how soon it is at the goal.
+
+``python -m tools.dodge_bound`` searches with the discs' whole paths before its eyes (:mod:`planners.motion.spacetime`),
+within the limits that planners are given (half of the arm's acceleration), and writes
+``envs/obstacle_dodge/bound.json`` with the recipe. Ctrl-C keeps what is done, and the next run goes on from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+import envs  # noqa: F401  registers the environment
+from agents.files import write_json
+from agents.provenance import versions
+from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_seen, solve
+from planners.motion import spacetime
+
+BATCH = 20
+"""Seeds after which the result is stored."""
+
+
+@dataclass(frozen=True)
+class DodgeBoundOptions:
+    """Search for the earliest motion of each of ObstacleDodge-v0's seeds, and store what is found."""
+
+    seeds: int = 1000
+    """How many, from 0."""
+    out: Path = FILE
+    """Where to store the result; what is there is gone on from, if it was made in the same way."""
+
+
+def main(options: DodgeBoundOptions) -> None:
+    """Search, with a progress bar, and store."""
+    console = Console(stderr=True)
+    bounds = _begin(options.out)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+        task = progress.add_task(ENV_ID, total=options.seeds, completed=len(bounds.verdicts))
+        try:
+            while len(bounds.verdicts) < options.seeds:
+                first = len(bounds.verdicts)
+                with closing(gym.make_vec(ENV_ID, num_envs=min(BATCH, options.seeds - first))) as env:
+                    env.reset(seed=first)
+                    for lane in range(env.num_envs):
+                        _append(bounds, solve(env.unwrapped, lane), env.unwrapped)
+                        progress.advance(task)
+                write_json(options.out, vars(bounds))
+        except KeyboardInterrupt:
+            console.print(f"stopped; run again to go on from seed {len(bounds.verdicts)}")
+        finally:
+            write_json(options.out, vars(bounds))
+    console.print(summary(bounds))
+
+
+def summary(bounds: Bounds) -> str:
+    """A line for the console."""
+    times = [value for value in bounds.time_to_goal if value is not None]
+    counts = ", ".join(f"{name} {bounds.verdicts.count(letter)}" for name, letter in LETTERS.items())
+    mean = f"; mean time to the goal {np.mean(times):.3f} s" if times else ""
+    return f"{len(bounds.verdicts)} seeds: {counts}{mean}"
+
+
+def fingerprint() -> str:
+    """A hash of how the first episodes begin and of where their discs go: it changes with the distribution."""
+    digest = hashlib.sha256()
+    with closing(gym.make_vec(ENV_ID, num_envs=BATCH)) as env:
+        env.reset(seed=0)
+        task: Any = env.unwrapped.task  # type: ignore[attr-defined]
+        for name in ("q", "goal", "path"):
+            # rounded: the last digits of sine and cosine depend on the machine
+            digest.update((np.round(task.lanes[name], 6) + 0.0).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _begin(path: Path) -> Bounds:
+    """What is stored, if it was made in the same way; nothing otherwise."""
+    recipe = {
+        "command": "python -m tools.dodge_bound",
+        "method": "planners.motion.spacetime.search: hybrid A* over joint angles, velocities and time, all paths known",
+        "limits": "motion_problem().limits",
+        "env": ENV_ID,
+        "episodes": fingerprint(),
+        **SETTINGS,
+        "versions": versions(),
+    }
+    if path.exists():
+        bounds = Bounds(**json.loads(path.read_text()))
+        if bounds.recipe == recipe:
+            return bounds
+    return Bounds(recipe)
+
+
+def _append(bounds: Bounds, answer: spacetime.Answer, env: Any) -> None:
+    """Keep an answer."""
+    bounds.verdicts += LETTERS[answer.verdict]
+    bounds.time_to_goal.append(as_seen(answer, env))
+    bounds.lower_bound.append(None if math.isinf(answer.lower_bound) else round(answer.lower_bound, 3))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(DodgeBoundOptions))

@@ -1,0 +1,1 @@
+"""Trains the forecaster of ObstacleDodge-v0."""

@@ -1,0 +1,184 @@
+"""How true the physics is: Pymunk arms against independent references, with its defaults and as planarm uses it.
+
+``python -m tools.physics_fidelity`` prints the table.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numba import njit
+from rich.console import Console
+from rich.table import Table
+from scipy.integrate import solve_ivp
+
+from agents.files import write_text
+from envs.physics.world import World, advance, arm_fields, body_fields, place_arm
+from planners import PLANAR_3R, SCARA_1M, Arm
+from planners.typing import Array
+
+CONTROL_PERIOD = 0.01
+TRIPLE_PENDULUM = replace(PLANAR_3R, name="triple pendulum", gravity=9.81)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the fidelity table.
+
+    Attributes:
+        physics_step: s.
+        pymunk_defaults: whether joints and reading are left as Pymunk has them.
+        two_link_error: worst joint-angle error of the two-link arm over 3 s, rad.
+        energy_error: worst energy error of the triple pendulum over 10 s, as a share of what it exchanges.
+    """
+
+    physics_step: float
+    pymunk_defaults: bool
+    two_link_error: float
+    energy_error: float
+
+
+class SimulatedArm:
+    """One arm in Pymunk, driven open loop.
+
+    Args:
+        arm: the arm.
+        physics_step: s.
+        pymunk_defaults: leave joints and reading as Pymunk has them.
+    """
+
+    def __init__(self, arm: Arm, physics_step: float, *, pymunk_defaults: bool = False) -> None:
+        self.lanes = np.zeros(1, np.dtype(arm_fields(arm.n_joints), align=True))
+        self.model = np.zeros(1, np.dtype(body_fields(arm.n_joints), align=True))
+        self._world = World(
+            arm,
+            self.lanes,
+            self.model,
+            control_period=CONTROL_PERIOD,
+            physics_step=physics_step,
+            pymunk_defaults=pymunk_defaults,
+        )
+
+    def place(self, q: Array, qd: Array) -> None:
+        """Begin with joint angles (rad) and velocities (rad/s), each ``(n,)``."""
+        self.lanes["q"], self.lanes["qd"] = q, qd
+        _place(self.lanes, self.model)
+
+    def advance(self, tau: Array) -> tuple[Array, Array]:
+        """Hold torques ``(n,)`` N m for one control period; the angles and velocities at its end, each ``(n,)``."""
+        _advance(self.lanes, self.model, tau)
+        return self.lanes["q"][0].copy(), self.lanes["qd"][0].copy()
+
+
+def open_loop_torque(t: float) -> Array:
+    """The torques of the two-link test, N m: several times what the conveyor task allows."""
+    return np.array([2.0 * np.sin(2.0 * t) + 0.5, np.cos(3.0 * t)])
+
+
+def two_link_reference(duration: float = 3.0) -> Array:
+    """Joint angles of the two-link test every control period, ``(samples, 2)`` rad.
+
+    Runge-Kutta 45 at a tolerance of 1e-11 on the Lagrange-Euler equations, restarted wherever the held torque jumps.
+    """
+    arm, state = SCARA_1M, np.zeros(4)
+    angles = [state[:2]]
+    for k in range(round(duration / CONTROL_PERIOD)):
+        rhs = _equations_of_motion(arm, open_loop_torque(k * CONTROL_PERIOD))
+        state = solve_ivp(rhs, (0.0, CONTROL_PERIOD), state, rtol=1e-11, atol=1e-11).y[:, -1]
+        angles.append(state[:2])
+    return np.array(angles)
+
+
+def two_link_error(physics_step: float, *, pymunk_defaults: bool = False, reference: Array | None = None) -> float:
+    """Worst joint-angle error of the two-link arm under strong open-loop torques, rad."""
+    reference = two_link_reference() if reference is None else reference
+    simulated = SimulatedArm(SCARA_1M, physics_step, pymunk_defaults=pymunk_defaults)
+    simulated.place(np.zeros(2), np.zeros(2))
+    error = 0.0
+    for k, wanted in enumerate(reference[1:]):
+        q, _ = simulated.advance(open_loop_torque(k * CONTROL_PERIOD))
+        error = max(error, float(np.max(np.abs(q - wanted))))
+    return error
+
+
+def energy_error(physics_step: float, *, pymunk_defaults: bool = False, duration: float = 10.0) -> float:
+    """Worst energy error of a triple pendulum released stretched out sideways.
+
+    Relative to the energy it turns from potential into kinetic on its way to hanging straight down.
+    """
+    arm = TRIPLE_PENDULUM
+    simulated = SimulatedArm(arm, physics_step, pymunk_defaults=pymunk_defaults)
+    start, still = np.zeros(3), np.zeros(3)
+    simulated.place(start, still)
+    exchanged = float(arm.energy(start, still) - arm.energy([-np.pi / 2.0, 0.0, 0.0], still))
+    error = 0.0
+    for _ in range(round(duration / CONTROL_PERIOD)):
+        q, qd = simulated.advance(still)
+        error = max(error, abs(float(arm.energy(q, qd) - arm.energy(start, still))))
+    return error / exchanged
+
+
+def table(physics_steps: tuple[float, ...] = (2e-3, 1e-3, 5e-4)) -> list[Row]:
+    """Both tests at several physics steps, with Pymunk's defaults and as planarm uses it."""
+    reference = two_link_reference()
+    return [
+        Row(
+            step,
+            defaults,
+            two_link_error(step, pymunk_defaults=defaults, reference=reference),
+            energy_error(step, pymunk_defaults=defaults),
+        )
+        for step in physics_steps
+        for defaults in (True, False)
+    ]
+
+
+def _equations_of_motion(arm: Arm, tau: Array) -> Callable[[float, Array], Array]:
+    n = arm.n_joints
+    return lambda _t, state: np.concatenate([state[n:], arm.forward_dynamics(state[:n], state[n:], tau)])
+
+
+@njit(cache=True, nogil=True)
+def _place(lanes: Any, model: Any) -> None:
+    place_arm(lanes[0], model[0])
+
+
+@njit(cache=True, nogil=True)
+def _advance(lanes: Any, model: Any, tau: Array) -> None:
+    advance(lanes[0], model[0], tau)
+
+
+@dataclass(frozen=True)
+class FidelityOptions:
+    """Print how far the simulated arms are from independent references (a few seconds)."""
+
+    json: Path | None = None
+    """Also write the table to this file."""
+
+
+def main(options: FidelityOptions) -> None:
+    """Print the table, and write it if asked for."""
+    rows = table()
+    printed = Table(title="Pymunk arms against independent references")
+    for heading in ("physics step", "joints and reading", "two-link arm, 3 s: angle", "triple pendulum, 10 s: energy"):
+        printed.add_column(heading, justify="right")
+    for row in rows:
+        printed.add_row(
+            f"{1e3 * row.physics_step:g} ms",
+            "Pymunk's defaults" if row.pymunk_defaults else "planarm",
+            f"{row.two_link_error:.1e} rad",
+            f"{100.0 * row.energy_error:.2g} %",
+        )
+    Console().print(printed)
+    if options.json is not None:
+        write_text(options.json, json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(FidelityOptions))

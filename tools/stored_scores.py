@@ -1,0 +1,178 @@
+"""Stored scores of every expert and every shipped agent, so that none of them changes unnoticed.
+
+``python -m tools.stored_scores`` runs them all on the same seeds, apart from the leaderboard's and from those that
+choose
+agents, and writes ``data/scores.json``; with ``--check`` it compares instead. On one machine a score comes out bit for
+bit again. The tolerances are for processors and libraries that round otherwise: `COUNT_TOLERANCE` episodes of those
+that are counted, `LIMIT_TOLERANCE` of the worst limit ratio, `TOLERANCE` of all else, medians and interquartile means,
+which one episode cannot move far; and `FLOOR`, for errors that are zero but for rounding. The expert ``random`` is left
+out: what its arm does is chaos, in which the last digit decides.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+from scipy import stats
+
+from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate, known_env_ids
+from agents.evaluation.leaderboard import LIMIT_TOLERANCE, METRICS
+from agents.files import write_json
+from agents.policies.agent import shipped_agents
+from agents.policies.forecasting.forecaster import ENV_ID
+from agents.policies.lookup import FORECASTER, SHIPPED, find_contender
+from agents.provenance import machine, versions
+from envs.experts import expert_names
+
+FILE = Path(__file__).parent.parent / "tests" / "agents" / "stored_scores.json"
+FIRST_SEED, EPISODES = 500_000, 50
+
+COUNT_TOLERANCE = 1
+"""Episodes by which a count may differ."""
+TOLERANCE = 0.02
+"""Share by which a median or mean may differ."""
+FLOOR = 1e-5
+"""Differences that are none, in the unit of the value: a hundredth of what the strictest task tolerates."""
+
+Score = Mapping[str, float | None]
+"""By name: counts of what is true or false, the interquartile mean of the return, medians of the task's own metrics,
+the worst limit ratio of all episodes. None in place of a time: never."""
+
+
+@dataclass(frozen=True)
+class ScoresOptions:
+    """Score every expert and every shipped agent in every environment, and store the scores.
+
+    Takes half a minute, once everything is compiled.
+    """
+
+    check: bool = False
+    """Compare with what is stored rather than store; the exit code is 1 if something differs."""
+    out: Path = FILE
+    """Where the scores are stored."""
+
+
+def main(options: ScoresOptions) -> int:
+    """Score, with a progress bar, then store or compare; the exit code."""
+    console = Console(stderr=True)
+    scores = _scores_with_bar(console)
+    if not options.check:
+        write_json(options.out, _document(scores))
+        console.print(f"wrote {options.out}")
+        return 0
+    complaints = compare(load(options.out), scores)
+    for complaint in complaints:
+        console.print(complaint, soft_wrap=True)
+    console.print(f"{len(complaints)} differences from {options.out}", soft_wrap=True)
+    return 1 if complaints else 0
+
+
+def entrants() -> list[tuple[str, str]]:
+    """Environments, and names of what is scored there: experts, and what is shipped that was learnt."""
+    with_agent, with_forecaster = shipped_agents(), [ENV_ID]
+    return [
+        (env_id, name)
+        for env_id in known_env_ids()
+        for name in (
+            *expert_names(env_id),
+            *([SHIPPED] if env_id in with_agent else []),
+            *([FORECASTER] if env_id in with_forecaster else []),
+        )
+        if name != "random"
+    ]
+
+
+def score(env_id: str, name: str) -> Score:
+    """The score of an entrant now, in the environment's default settings but for what its actions mean."""
+    contender = find_contender(name, env_id)
+    return score_policy(contender.policy, env_id, contender.settings({}))
+
+
+def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
+    """The score of a policy."""
+    seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
+    return summary(evaluate(policy, env_id, seeds, env_config=env_config, lanes=EPISODES))
+
+
+def summary(evaluation: Evaluation) -> Score:
+    """The score of an evaluation."""
+    scores: dict[str, float] = {
+        "success": int(evaluation.success.sum()),
+        "return": float(stats.trim_mean(evaluation.returns, 0.25)),
+    }
+    for key in (metric.key for metric in METRICS.get(evaluation.env_id, ())):
+        values = evaluation.metrics[key]
+        scores[key] = int(values.sum()) if values.dtype == bool else float(np.median(values))
+    scores["limit_ratio"] = float(evaluation.metrics["limit_ratio"].max())
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
+
+
+def load(path: Path = FILE) -> dict[str, dict[str, Score]]:
+    """Stored scores, by environment and name."""
+    scores: dict[str, dict[str, Score]] = json.loads(path.read_text(encoding="utf-8"))["scores"]
+    return scores
+
+
+def compare(stored: Mapping[str, Mapping[str, Score]], now: Mapping[str, Mapping[str, Score]]) -> list[str]:
+    """A line for each value that differs by more than is tolerated, and for whoever is in one of them only."""
+    complaints = []
+    for env_id, name in dict.fromkeys([*_pairs(stored), *_pairs(now)]):
+        before, after = (scores.get(env_id, {}).get(name, {}) for scores in (stored, now))
+        complaints += [f"{env_id}: {name}: {difference}" for difference in differences(before, after)]
+    return complaints
+
+
+def differences(stored: Score, now: Score) -> Iterator[str]:
+    """A line for each value that differs by more than is tolerated."""
+    for name in dict.fromkeys([*stored, *now]):
+        if name not in stored or name not in now:
+            yield f"{name} is {'scored but not stored' if name in now else 'stored but not scored'}"
+        elif not _close(name, stored[name], now[name]):
+            yield f"{name} was {stored[name]} and is {now[name]}"
+
+
+def _close(name: str, stored: float | None, now: float | None) -> bool:
+    if stored is None or now is None:
+        return stored is now
+    if isinstance(stored, int):
+        return abs(stored - now) <= COUNT_TOLERANCE
+    share = LIMIT_TOLERANCE if name == "limit_ratio" else TOLERANCE
+    return math.isclose(stored, now, rel_tol=share, abs_tol=FLOOR)
+
+
+def _pairs(scores: Mapping[str, Mapping[str, Score]]) -> list[tuple[str, str]]:
+    return [(env_id, name) for env_id, entries in scores.items() for name in entries]
+
+
+def _scores_with_bar(console: Console) -> dict[str, dict[str, Score]]:
+    scores: dict[str, dict[str, Score]] = {}
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        for env_id, name in bar.track(entrants(), description="scoring"):
+            scores.setdefault(env_id, {})[name] = score(env_id, name)
+    return scores
+
+
+def _document(scores: Mapping[str, Mapping[str, Score]]) -> dict[str, Any]:
+    return {
+        "command": "python -m tools.stored_scores",
+        "first_seed": FIRST_SEED,
+        "episodes": EPISODES,
+        "values": "counts of what is true or false; interquartile mean of the return; medians; worst limit ratio",
+        "tolerance": {"counts": COUNT_TOLERANCE, "limit_ratio": LIMIT_TOLERANCE, "share": TOLERANCE, "floor": FLOOR},
+        "versions": versions(("safetensors",)),
+        "machine": machine(),
+        "scores": scores,
+    }
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(tyro.cli(ScoresOptions)))
