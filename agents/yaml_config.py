@@ -74,7 +74,7 @@ class BenchmarkConfig(Settings):
         episodes: of each policy on each task.
         bound_episodes: for how many of them the bound is computed.
         seed: of the first episode; the next has the next.
-        lanes: episodes that run at once.
+        num_envs: episodes that run at once.
         policies: names of experts, ``agent`` for the agent shipped for the environment, ``forecaster`` for that
             of ObstacleDodge-v0, paths of runs and agents.
         tasks: what they do.
@@ -83,7 +83,7 @@ class BenchmarkConfig(Settings):
     episodes: int = Field(ge=1)
     bound_episodes: int = Field(ge=0)
     seed: int = Field(0, ge=0)
-    lanes: int = Field(256, ge=1)
+    num_envs: int = Field(256, ge=1)
     policies: tuple[str, ...] = Field(min_length=1)
     tasks: tuple[BenchmarkTask, ...] = Field(min_length=1)
 

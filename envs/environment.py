@@ -25,7 +25,7 @@ RENDER_MODES = ("human", "rgb_array")
 
 
 class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
-    """One lane of a task as a Gymnasium environment.
+    """One environment of a task as a Gymnasium environment.
 
     Pickling keeps how the environment was made, not the episode that is under way.
 
@@ -47,15 +47,15 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.action_space = self.task.action_space()
         self._needs_reset = True
         self._camera = _Camera(self.task, render_mode)
-        # Views of the one lane, so that a step touches no more Python than it must.
-        lane = self.task.lanes[0]
-        self._lane, self._action = lane, lane["action"]
-        self._observation, self._terms = lane["observation"], lane["reward_terms"]
+        # Views of the one environment, so that a step touches no more Python than it must.
+        env = self.task.batch[0]
+        self._env, self._action = env, env["action"]
+        self._observation, self._terms = env["observation"], env["reward_terms"]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; see the environment's own page for the options."""
         super().reset(seed=seed)
-        self.task.reset_lanes([0], [self.np_random], options or {})
+        self.task.reset_envs([0], [self.np_random], options or {})
         self._needs_reset = False
         self._camera.begin()
         if self.render_mode == "human":
@@ -68,8 +68,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
         self._action[:] = action
         self.task.advance()
-        lane = self._lane
-        terminated, truncated = bool(lane["terminated"]), bool(lane["truncated"])
+        env = self._env
+        terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
         info = self._step_info()
         if terminated or truncated:
             self._needs_reset = True
@@ -78,7 +78,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             self._camera.follow()
             if self.render_mode == "human":
                 self.render()
-        return self._observation.copy(), float(lane["reward"]), terminated, truncated, info
+        return self._observation.copy(), float(env["reward"]), terminated, truncated, info
 
     def render(self) -> Frame | None:
         """The current frame, ``(height, width, 3)``, or None in ``"human"`` mode, where it goes to a window."""
@@ -95,7 +95,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def joint_state(self) -> tuple[Array, Array]:
         """Joint angles (rad) and velocities (rad/s), each ``(n,)``."""
-        return self.task.lanes["q"][0].copy(), self.task.lanes["qd"][0].copy()
+        return self.task.batch["q"][0].copy(), self.task.batch["qd"][0].copy()
 
     def motion_problem(self) -> MotionProblem:
         """The problem an expert would read from the current observation."""
@@ -103,17 +103,17 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def _step_info(self) -> Info:
         terms = dict(zip(self.task.reward_terms, self._terms.tolist(), strict=True))
-        return {"is_success": bool(self._lane["success"]), "reward_terms": terms}
+        return {"is_success": bool(self._env["success"]), "reward_terms": terms}
 
 
 class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
-    """A batch of lanes as a Gymnasium vector environment; lane i equals the single environment with seed + i.
+    """A batch as a Gymnasium vector environment; environment i equals the single one with seed + i.
 
-    A lane whose episode ends begins the next in the same step: the returned observation is the new one, and the
+    An environment whose episode ends begins the next in the same step: the returned observation is the new one, and the
     last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
 
     Args:
-        num_envs: number of lanes.
+        num_envs: number of environments.
         render_mode: ``"rgb_array"`` or None.
         max_episode_steps: end every episode after so many steps, if that is earlier than the task's horizon.
         config: fields of the task's configuration.
@@ -148,49 +148,51 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._max_episode_steps = max_episode_steps
         self._generators: list[np.random.Generator] = []
-        self._cameras = [_Camera(self.task, render_mode, lane) for lane in range(num_envs)] if render_mode else []
+        self._cameras = (
+            [_Camera(self.task, render_mode, env_index) for env_index in range(num_envs)] if render_mode else []
+        )
         self._running = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin an episode in every lane, or in those of ``options["reset_mask"]``."""
+        """Begin an episode in every environment, or in those of ``options["reset_mask"]``."""
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
         self._seed(seed, chosen)
-        self.task.reset_lanes(chosen, [self._generators[lane] for lane in chosen], options)
-        for lane in chosen if self._cameras else ():
-            self._cameras[lane].begin()
+        self.task.reset_envs(chosen, [self._generators[env_index] for env_index in chosen], options)
+        for env_index in chosen if self._cameras else ():
+            self._cameras[env_index].begin()
         self._running = True
         return self._observations(), self._step_infos()
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
-        """Hold one action a lane, ``(num_envs, n)``, for one control period."""
+        """Hold one action an environment, ``(num_envs, n)``, for one control period."""
         if not self._running:
             raise gym.error.ResetNeeded("no episode has begun: call reset() first")
-        lanes = self.task.lanes
-        lanes["action"] = actions
+        batch = self.task.batch
+        batch["action"] = actions
         self.task.advance()
         for camera in self._cameras:
             camera.follow()
-        terminated, truncated = lanes["terminated"].copy(), lanes["truncated"].copy()
+        terminated, truncated = batch["terminated"].copy(), batch["truncated"].copy()
         if self._max_episode_steps is not None:
-            truncated |= lanes["step"] >= self._max_episode_steps
-        rewards, infos = lanes["reward"].copy(), self._step_infos()
+            truncated |= batch["step"] >= self._max_episode_steps
+        rewards, infos = batch["reward"].copy(), self._step_infos()
         ended = terminated | truncated
         if ended.any():
             infos.update(self._final(ended))
             which = np.flatnonzero(ended).tolist()
-            self.task.reset_lanes(which, [self._generators[lane] for lane in which], {})
-            for lane in which if self._cameras else ():
-                self._cameras[lane].begin()
+            self.task.reset_envs(which, [self._generators[env_index] for env_index in which], {})
+            for env_index in which if self._cameras else ():
+                self._cameras[env_index].begin()
         return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Frame, ...] | None:
-        """One frame a lane."""
+        """One frame an environment."""
         return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -201,68 +203,73 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
 
     def joint_state(self) -> tuple[Array, Array]:
         """Joint angles (rad) and velocities (rad/s), each ``(num_envs, n)``."""
-        return self.task.lanes["q"].copy(), self.task.lanes["qd"].copy()
+        return self.task.batch["q"].copy(), self.task.batch["qd"].copy()
 
-    def motion_problem(self, lane: int) -> MotionProblem:
-        """The problem an expert would read from the current observation of a lane."""
-        return self.task.motion_problem(self.task.lanes["observation"][lane])
+    def motion_problem(self, env_index: int) -> MotionProblem:
+        """The problem an expert would read from the current observation of an environment."""
+        return self.task.motion_problem(self.task.batch["observation"][env_index])
 
     def _seed(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> None:
         if isinstance(seed, (int, np.integer)):
-            seeds: Sequence[int | None] = [int(seed) + lane for lane in range(self.num_envs)]
+            seeds: Sequence[int | None] = [int(seed) + env_index for env_index in range(self.num_envs)]
         else:
             seeds = [None] * self.num_envs if seed is None else seed
         if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} lanes; give one int, or one seed a lane")
+            raise ValueError(
+                f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed an environment"
+            )
         if not self._generators:
             self._generators = [seeding.np_random(one)[0] for one in seeds]
             return
-        for lane in chosen:
-            if seeds[lane] is not None:
-                self._generators[lane] = seeding.np_random(seeds[lane])[0]
+        for env_index in chosen:
+            if seeds[env_index] is not None:
+                self._generators[env_index] = seeding.np_random(seeds[env_index])[0]
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         array = np.asarray(mask)
         if array.shape != (self.num_envs,) or array.dtype != np.bool_:
             raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},)")
         if not self._running and not array.all():
-            raise ValueError("the first reset must reset every lane: leave out reset_mask")
+            raise ValueError("the first reset must reset every environment: leave out reset_mask")
         return array
 
     def _observations(self) -> Observation:
-        return self.task.lanes["observation"].copy()
+        return self.task.batch["observation"].copy()
 
     def _step_infos(self) -> Info:
-        lanes = self.task.lanes
+        batch = self.task.batch
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
         terms: Info = {}
         for column, name in enumerate(self.task.reward_terms):
-            terms[name], terms[f"_{name}"] = lanes["reward_terms"][:, column].copy(), everywhere.copy()
+            terms[name], terms[f"_{name}"] = batch["reward_terms"][:, column].copy(), everywhere.copy()
         return {
-            "is_success": lanes["success"].copy(),
+            "is_success": batch["success"].copy(),
             "_is_success": everywhere.copy(),
             "reward_terms": terms,
             "_reward_terms": everywhere.copy(),
         }
 
     def _final(self, ended: NDArray[np.bool_]) -> Info:
-        """Last observations and infos of the lanes that ended, in Gymnasium's vector form."""
+        """Last observations and infos of the environments that ended, in Gymnasium's vector form."""
         final: Info = {}
-        for lane in np.flatnonzero(ended).tolist():
-            step = {"is_success": bool(self.task.lanes["success"][lane]), "reward_terms": self._terms_of(lane)}
-            final = self._add_info(final, {**step, **self.task.episode_info(lane)}, lane)
+        for env_index in np.flatnonzero(ended).tolist():
+            step = {
+                "is_success": bool(self.task.batch["success"][env_index]),
+                "reward_terms": self._terms_of(env_index),
+            }
+            final = self._add_info(final, {**step, **self.task.episode_info(env_index)}, env_index)
         observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
         return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
 
-    def _terms_of(self, lane: int) -> dict[str, float]:
-        return dict(zip(self.task.reward_terms, self.task.lanes["reward_terms"][lane].tolist(), strict=True))
+    def _terms_of(self, env_index: int) -> dict[str, float]:
+        return dict(zip(self.task.reward_terms, self.task.batch["reward_terms"][env_index].tolist(), strict=True))
 
 
 class _Camera:
-    """Draws one lane, with the trail of its hand."""
+    """Draws one environment, with the trail of its hand."""
 
-    def __init__(self, task: Task, render_mode: str | None, lane: int = 0) -> None:
-        self._task, self._lane, self._window = task, lane, render_mode == "human"
+    def __init__(self, task: Task, render_mode: str | None, env_index: int = 0) -> None:
+        self._task, self._env, self._window = task, env_index, render_mode == "human"
         self._trail: list[Array] = []
         self._renderer: Renderer | None = None
 
@@ -273,13 +280,13 @@ class _Camera:
 
     def follow(self) -> None:
         """Remember where the hand is."""
-        self._trail.append(self._task.hand_position(self._lane))
+        self._trail.append(self._task.hand_position(self._env))
 
     def frame(self) -> Frame:
-        """Draw the lane as it is now."""
+        """Draw the environment as it is now."""
         if self._renderer is None:
             self._renderer = Renderer(self._task.view, window=self._window, fps=self._task.frame_rate)
-        return self._renderer.draw(self._task.scene(self._lane, self._trail))
+        return self._renderer.draw(self._task.scene(self._env, self._trail))
 
     def close(self) -> None:
         """Let the window go."""

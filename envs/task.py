@@ -1,4 +1,4 @@
-"""What every task is: a batch of lanes with compiled state, and the few questions an environment asks of it."""
+"""What every task is: a batch of environments with compiled state, and the few questions an environment asks of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from envs.observation import Layout, Observation
 from envs.physics.actuation import (
     LIMIT_KINDS,
     ControlMode,
-    actuation_lane_fields,
+    actuation_env_fields,
     actuation_model_fields,
     fill_actuation,
 )
@@ -29,7 +29,7 @@ from planners.typing import Array
 Fields = list[tuple[Any, ...]]
 Options = Mapping[str, Any]
 
-_LANES_PER_THREAD = 32  # below this a second thread costs more than it brings
+_ENVS_PER_THREAD = 32  # below this a second thread costs more than it brings
 
 
 class TaskSettings(Settings):
@@ -51,17 +51,18 @@ class TaskSettings(Settings):
 
 
 class Task(ABC):
-    """A batch of lanes of one task.
+    """A batch of environments of one task.
 
-    A lane's whole state is one record of `lanes`; what the lanes share is the single record of `model`. Compiled
+    An environment's whole state is one record of `batch`; what the environments share is the single record of
+    `model`. Compiled
     kernels read and write both. Subclasses name their extra fields, their observation and reward terms, and write the
-    kernel that advances a slice of lanes.
+    kernel that advances a slice of environments.
 
     Attributes:
         arm: the robot as the policy knows it, without its payload.
         layout: what an observation holds.
         reward_terms: names of the terms whose sum is the reward.
-        lanes: one record a lane.
+        batch: one record an environment.
         model: an array of one record.
     """
 
@@ -69,11 +70,11 @@ class Task(ABC):
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
 
-    def __init__(self, config: TaskSettings, arm: Arm, n_lanes: int, extra_lane: Fields, extra_model: Fields) -> None:
+    def __init__(self, config: TaskSettings, arm: Arm, num_envs: int, extra_env: Fields, extra_model: Fields) -> None:
         n = arm.n_joints
         self.config = config
         self.arm = arm
-        self.n_lanes = n_lanes
+        self.num_envs = num_envs
         self.horizon_steps = self._whole_periods("horizon", config.horizon)
         common: Fields = [
             ("action", "f8", (self.action_size(config, arm),)),
@@ -88,54 +89,56 @@ class Task(ABC):
         ]
         scales: Fields = [("scales", "f8", (self.layout.size,)), ("bounds", "f8", (self.layout.size,))]
         horizon: Fields = [("horizon_steps", "i8")]
-        lane_type = np.dtype(common + arm_fields(n) + actuation_lane_fields(n) + extra_lane, align=True)
+        env_type = np.dtype(common + arm_fields(n) + actuation_env_fields(n) + extra_env, align=True)
         model_type = np.dtype(scales + horizon + body_fields(n) + actuation_model_fields(n) + extra_model, align=True)
-        self.lanes = np.zeros(n_lanes, lane_type)
+        self.batch = np.zeros(num_envs, env_type)
         self.model = np.zeros(1, model_type)
         self.model["scales"], self.model["bounds"] = self.layout.scales, self.layout.bounds
         self.model["horizon_steps"] = self.horizon_steps
         fill_actuation(self.model, arm, self.actuation_mode(config), config.control_period)
         self._world = World(
             arm.with_payload(config.payload),
-            self.lanes,
+            self.batch,
             self.model,
             control_period=config.control_period,
             physics_step=config.physics_step,
         )
-        self._threads = min(os.cpu_count() or 1, n_lanes // _LANES_PER_THREAD)
+        self._threads = min(os.cpu_count() or 1, num_envs // _ENVS_PER_THREAD)
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
     @abstractmethod
-    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
-        """Begin an episode in some lanes, each with its own generator; options that cannot be met raise ValueError."""
+    def reset_envs(
+        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
+    ) -> None:
+        """Begin an episode in some environments, each with its own generator; unusable options raise ValueError."""
 
     @abstractmethod
     def advance_slice(self, first: int, last: int) -> None:
-        """Advance lanes ``first`` to ``last - 1`` by one control period under their ``action``."""
+        """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
 
     @abstractmethod
-    def episode_info(self, lane: int) -> dict[str, Any]:
-        """What is to be told of a lane's episode at its end."""
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """What is to be told of an environment's episode at its end."""
 
     @abstractmethod
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """The problem that an observation ``(size,)`` states, for a planner to solve."""
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(lanes, 2)``.
+        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(num_envs, 2)``.
 
         Raises:
             NotImplementedError: if the task's goal is no place for the hand.
         """
         raise NotImplementedError(f"the goal of {self.env_id} is no place for the hand")
 
-    def hand_position(self, lane: int) -> Array:
-        """Where the hand of a lane is, ``(2,)``, m."""
-        return self.arm.forward_kinematics(self.lanes["q"][lane])
+    def hand_position(self, env_index: int) -> Array:
+        """Where the hand of an environment is, ``(2,)``, m."""
+        return self.arm.forward_kinematics(self.batch["q"][env_index])
 
     @abstractmethod
-    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this lane shows, with the hand positions so far."""
+    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this environment shows, with the hand positions so far."""
 
     @property
     @abstractmethod
@@ -143,21 +146,21 @@ class Task(ABC):
         """Stretch of the plane a frame shows: x from, x to, y from, y to, m."""
 
     def advance(self) -> None:
-        """Advance every lane by one control period, on as many threads as pay.
+        """Advance every environment by one control period, on as many threads as pay.
 
         Raises:
             ValueError: if an action is not finite; nothing has moved then.
         """
-        if not actions_finite(self.lanes):
-            bad = np.flatnonzero(~np.isfinite(self.lanes["action"]).all(axis=1))
+        if not actions_finite(self.batch):
+            bad = np.flatnonzero(~np.isfinite(self.batch["action"]).all(axis=1))
             raise ValueError(
-                f"action {self.lanes['action'][bad[0]].tolist()} (lane {bad[0]}) is not finite; "
+                f"action {self.batch['action'][bad[0]].tolist()} (environment {bad[0]}) is not finite; "
                 "actions are numbers in [-1, 1], larger ones are clipped"
             )
         if self._threads < 2:
-            self.advance_slice(0, self.n_lanes)
+            self.advance_slice(0, self.num_envs)
             return
-        cuts = np.linspace(0, self.n_lanes, self._threads + 1).astype(int).tolist()
+        cuts = np.linspace(0, self.num_envs, self._threads + 1).astype(int).tolist()
         list(self._executor().map(self.advance_slice, cuts[:-1], cuts[1:]))
 
     def close(self) -> None:
@@ -166,9 +169,9 @@ class Task(ABC):
             self._pool[1].shutdown(wait=False)
             self._pool = None
 
-    def limit_info(self, lane: int) -> dict[str, Any]:
-        """Worst limit ratio of a lane's episode, and the worst of each kind."""
-        ratios = dict(zip(LIMIT_KINDS, self.lanes["limit_ratios"][lane].tolist(), strict=True))
+    def limit_info(self, env_index: int) -> dict[str, Any]:
+        """Worst limit ratio of an environment's episode, and the worst of each kind."""
+        ratios = dict(zip(LIMIT_KINDS, self.batch["limit_ratios"][env_index].tolist(), strict=True))
         return {"limit_ratio": max(ratios.values()), "limit_ratios": ratios}
 
     @staticmethod
@@ -188,8 +191,8 @@ class Task(ABC):
         return round(1.0 / self.config.control_period)
 
     def action_space(self) -> gym.spaces.Box:
-        """The action space of one lane: numbers in [-1, 1]."""
-        return gym.spaces.Box(-1.0, 1.0, self.lanes["action"].shape[1:], np.float32)
+        """The action space of one environment: numbers in [-1, 1]."""
+        return gym.spaces.Box(-1.0, 1.0, self.batch["action"].shape[1:], np.float32)
 
     def _hold_steps(self, hold_time: float) -> int:
         """A hold time, s, in control periods; refused where an episode is too short for it."""
@@ -219,10 +222,10 @@ class Task(ABC):
 
 
 @njit(cache=True, nogil=True)
-def actions_finite(lanes: Any) -> bool:
-    """Whether every action of every lane is finite."""
-    for lane in range(lanes.shape[0]):
-        for value in lanes[lane].action:
+def actions_finite(batch: Any) -> bool:
+    """Whether every action of every environment is finite."""
+    for env_index in range(batch.shape[0]):
+        for value in batch[env_index].action:
             if not np.isfinite(value):
                 return False
     return True

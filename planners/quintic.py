@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
-from planners.robot.dynamics import inverse_dynamics_lane
+from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 SAMPLES = 200
@@ -68,7 +68,7 @@ def quintic_effort(coupling: Array, weight: Array, q0: Array, qf: Array, duratio
             q[i] = q0[i] + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
             qd[i] = change / duration * 30.0 * s**2 * (1.0 - s) ** 2
             qdd[i] = change / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-        inverse_dynamics_lane(coupling, weight, q, qd, qdd, tau)
+        inverse_dynamics_single(coupling, weight, q, qd, qdd, tau)
         for i in range(n):
             peak[i] = max(peak[i], abs(tau[i]))
             effort += abs(tau[i]) * (0.5 if sample in (0, SAMPLES) else 1.0)

@@ -53,8 +53,8 @@ def main(options: DodgeBoundOptions) -> None:
                 first = len(bounds.verdicts)
                 with closing(gym.make_vec(ENV_ID, num_envs=min(BATCH, options.seeds - first))) as env:
                     env.reset(seed=first)
-                    for lane in range(env.num_envs):
-                        _append(bounds, solve(env.unwrapped, lane), env.unwrapped)
+                    for env_index in range(env.num_envs):
+                        _append(bounds, solve(env.unwrapped, env_index), env.unwrapped)
                         progress.advance(task)
                 write_json(options.out, vars(bounds))
         except KeyboardInterrupt:
@@ -80,7 +80,7 @@ def fingerprint() -> str:
         task: Any = env.unwrapped.task  # type: ignore[attr-defined]
         for name in ("q", "goal", "path"):
             # rounded: the last digits of sine and cosine depend on the machine
-            digest.update((np.round(task.lanes[name], 6) + 0.0).tobytes())
+            digest.update((np.round(task.batch[name], 6) + 0.0).tobytes())
     return digest.hexdigest()[:16]
 
 

@@ -54,11 +54,11 @@ class SimulatedArm:
     """
 
     def __init__(self, arm: Arm, physics_step: float, *, pymunk_defaults: bool = False) -> None:
-        self.lanes = np.zeros(1, np.dtype(arm_fields(arm.n_joints), align=True))
+        self.batch = np.zeros(1, np.dtype(arm_fields(arm.n_joints), align=True))
         self.model = np.zeros(1, np.dtype(body_fields(arm.n_joints), align=True))
         self._world = World(
             arm,
-            self.lanes,
+            self.batch,
             self.model,
             control_period=CONTROL_PERIOD,
             physics_step=physics_step,
@@ -67,13 +67,13 @@ class SimulatedArm:
 
     def place(self, q: Array, qd: Array) -> None:
         """Begin with joint angles (rad) and velocities (rad/s), each ``(n,)``."""
-        self.lanes["q"], self.lanes["qd"] = q, qd
-        _place(self.lanes, self.model)
+        self.batch["q"], self.batch["qd"] = q, qd
+        _place(self.batch, self.model)
 
     def advance(self, tau: Array) -> tuple[Array, Array]:
         """Hold torques ``(n,)`` N m for one control period; the angles and velocities at its end, each ``(n,)``."""
-        _advance(self.lanes, self.model, tau)
-        return self.lanes["q"][0].copy(), self.lanes["qd"][0].copy()
+        _advance(self.batch, self.model, tau)
+        return self.batch["q"][0].copy(), self.batch["qd"][0].copy()
 
 
 def open_loop_torque(t: float) -> Array:
@@ -145,13 +145,13 @@ def _equations_of_motion(arm: Arm, tau: Array) -> Callable[[float, Array], Array
 
 
 @njit(cache=True, nogil=True)
-def _place(lanes: Any, model: Any) -> None:
-    place_arm(lanes[0], model[0])
+def _place(batch: Any, model: Any) -> None:
+    place_arm(batch[0], model[0])
 
 
 @njit(cache=True, nogil=True)
-def _advance(lanes: Any, model: Any, tau: Array) -> None:
-    advance(lanes[0], model[0], tau)
+def _advance(batch: Any, model: Any, tau: Array) -> None:
+    advance(batch[0], model[0], tau)
 
 
 @dataclass(frozen=True)

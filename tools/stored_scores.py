@@ -100,7 +100,7 @@ def score(env_id: str, name: str) -> Score:
 def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
     """The score of a policy."""
     seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-    return summary(evaluate(policy, env_id, seeds, env_config=env_config, lanes=EPISODES))
+    return summary(evaluate(policy, env_id, seeds, env_config=env_config, num_envs=EPISODES))
 
 
 def summary(evaluation: Evaluation) -> Score:

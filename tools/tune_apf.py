@@ -167,7 +167,7 @@ def run_field(gains: DodgeGains, seeds: NDArray[np.int64]) -> Evaluation:
     """The episodes of some seeds under the field with these gains."""
     with closing(gym.make_vec(ENV_ID, num_envs=1)) as env:
         batch: Any = env.unwrapped
-        return evaluate(DodgingExpert(batch.task, gains), ENV_ID, seeds, lanes=500)
+        return evaluate(DodgingExpert(batch.task, gains), ENV_ID, seeds, num_envs=500)
 
 
 def score(evaluation: Evaluation) -> float:

@@ -61,7 +61,7 @@ class BenchmarkOptions:
     """Names of experts; agent for the trained agent that comes with planarm; the path of a run or an agent."""
     tasks: tuple[str, ...] | None = None
     """Names of tasks of the experiment, to run these alone."""
-    lanes: int | None = None
+    num_envs: int | None = None
     """Episodes that run at once."""
     json: Path | None = None
     """Write every episode, with versions and seeds, to this file."""
@@ -75,7 +75,7 @@ class BenchmarkOptions:
         config = load_experiment(self.config, BenchmarkConfig)
         changes: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("episodes", "bound_episodes", "seed", "policies", "lanes")
+            for name in ("episodes", "bound_episodes", "seed", "policies", "num_envs")
             if getattr(self, name) is not None
         }
         tasks = config.tasks
@@ -126,7 +126,7 @@ class Benchmark:
     def warm_up(self, progress: Callable[[int], object]) -> None:
         """Run a little of everything: the first time compiles, and no timing shall hold that.
 
-        One lane and several are compiled apart, because their arrays differ in layout.
+        One environment and several are compiled apart, because their arrays differ in layout.
         """
         for task in self.config.tasks:
             for contender in self.contenders(task):
@@ -191,7 +191,7 @@ class Benchmark:
             seeds,
             env_config=contender.settings(task.env_config),
             options=task.options,
-            lanes=self.config.lanes,
+            num_envs=self.config.num_envs,
             progress=progress,
             name=contender.name,
         )

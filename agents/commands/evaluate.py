@@ -44,7 +44,7 @@ class EvaluateOptions:
     """Policies to compare with, on the same episodes."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environment that is not to have its default."""
-    lanes: int = 256
+    num_envs: int = 256
     """Episodes that run at once."""
     json: Path | None = None
     """Write every episode, with versions and seeds, to this file."""
@@ -64,7 +64,7 @@ class EvaluateOptions:
                 "episodes": self.episodes,
                 "bound_episodes": 0,
                 "seed": self.seed,
-                "lanes": self.lanes,
+                "num_envs": self.num_envs,
                 "policies": tuple(dict.fromkeys((self.policy, *self.against))),
                 "tasks": [task],
             },

@@ -46,7 +46,7 @@ class TrainOptions:
     seed: int | None = None
     """Of everything."""
     total_steps: int | None = None
-    """Control steps of all lanes together."""
+    """Control steps of all environments together."""
     out: Path | None = None
     """Folder of the run; by default runs/ENV-DATE-seedN."""
     resume: Path | None = None

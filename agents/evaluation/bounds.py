@@ -24,7 +24,7 @@ class Bound:
     Attributes:
         metric: which number; the less, the better.
         meaning: for the caption of the leaderboard.
-        optimum: the best known value for a seed, given a vector environment that is at its start in some lane.
+        optimum: the best known value for a seed, given a vector environment that is at its start in some environment.
     """
 
     metric: str
@@ -32,29 +32,29 @@ class Bound:
     optimum: Callable[[Any, int, int], float]
 
 
-def _settling_time(env: Any, lane: int, seed: int) -> float:
+def _settling_time(env: Any, env_index: int, seed: int) -> float:
     """Least settling time, s; limits and part may be missed by as much as the environment tolerates."""
     config = env.task.config
     return dpct.settling_bound(
-        env.motion_problem(lane),
+        env.motion_problem(env_index),
         position_tolerance=config.position_tolerance,
         velocity_tolerance=config.velocity_tolerance,
         limit_tolerance=config.limit_tolerance,
     )
 
 
-def _quintic_ratio(env: Any, lane: int, seed: int) -> float:
+def _quintic_ratio(env: Any, env_index: int, seed: int) -> float:
     """Least torque, as a share of the quintic's, by dense transcription from the Lagrange planner's solution."""
-    problem = env.motion_problem(lane)
+    problem = env.motion_problem(env_index)
     return lagrange.plan(problem, polish=True).cost / quintic.plan(problem).cost
 
 
-def _time_to_goal(env: Any, lane: int, seed: int) -> float:
+def _time_to_goal(env: Any, env_index: int, seed: int) -> float:
     """Least time to the goal, s, found by a search that knows the whole paths of the discs; inf if there is none.
 
     Looked up where the episode is one of those stored, searched for otherwise.
     """
-    return dodge_bound.time_to_goal(env, lane, seed)
+    return dodge_bound.time_to_goal(env, env_index, seed)
 
 
 BOUNDS: dict[str, Bound] = {
@@ -84,8 +84,8 @@ def best_known(
         batch: Any = env.unwrapped
         batch.reset(seed=list(seeds), options=dict(options))
         values = np.full(len(seeds), np.inf)
-        for lane, seed in enumerate(seeds):
+        for env_index, seed in enumerate(seeds):
             with suppress(Infeasible):
-                values[lane] = BOUNDS[env_id].optimum(batch, lane, seed)
+                values[env_index] = BOUNDS[env_id].optimum(batch, env_index, seed)
             progress(1)
     return values

@@ -35,15 +35,15 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
-        """Actions ``(lanes, n)`` for observations ``(lanes, size)``, and the state to hand back at the next call."""
+        """Actions ``(num_envs, n)`` for observations ``(num_envs, size)``, and the state for the next call."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Where the time went, all lanes together.
+    """Where the time went, all environments together.
 
     Attributes:
-        lane_steps: control steps taken, lanes counted one by one.
+        env_steps: control steps taken, environments counted one by one.
         plans: plans made; 0 for policies that do not plan.
         planning_seconds: spent on them.
         policy_seconds: spent in the policy beside planning.
@@ -51,7 +51,7 @@ class Timing:
         infeasible: plans for which there was no solution.
     """
 
-    lane_steps: int = 0
+    env_steps: int = 0
     plans: int = 0
     planning_seconds: float = 0.0
     policy_seconds: float = 0.0
@@ -65,13 +65,13 @@ class Timing:
 
     @property
     def policy_us(self) -> float:
-        """Microseconds of the policy, beside planning, for each step of a lane."""
-        return 1e6 * self.policy_seconds / self.lane_steps
+        """Microseconds of the policy, beside planning, for each step of an environment."""
+        return 1e6 * self.policy_seconds / self.env_steps
 
     @property
     def env_us(self) -> float:
-        """Microseconds of the environment for each step of a lane."""
-        return 1e6 * self.env_seconds / self.lane_steps
+        """Microseconds of the environment for each step of an environment."""
+        return 1e6 * self.env_seconds / self.env_steps
 
     def __add__(self, other: Timing) -> Timing:
         return Timing(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
@@ -119,23 +119,24 @@ def evaluate(
     *,
     env_config: Info | None = None,
     options: Info | None = None,
-    lanes: int = 256,
+    num_envs: int = 256,
     progress: Progress | None = None,
     name: str | None = None,
 ) -> Evaluation:
     """Run exactly one episode for each seed.
 
-    An episode starts as its seed alone says, whatever the policy, the other seeds and the number of lanes, so policies
-    that are evaluated on the same seeds can be compared in pairs.
+    An episode starts as its seed alone says, whatever the policy, the other seeds and the number of environments, so
+    policies that are evaluated on the same seeds can be compared in pairs.
 
     Args:
         policy: the name of an expert, anything with Stable-Baselines3's ``predict``, or a function that makes one for
             the environment; it is asked for deterministic actions.
-        env_id: an environment whose vector form resets a lane in the step that ends its episode: any of planarm's.
+        env_id: an environment whose vector form resets an environment in the step that ends its episode: any of
+        planarm's.
         seeds: one an episode.
         env_config: settings of the environment.
         options: of each ``reset``.
-        lanes: largest number of episodes that run at once.
+        num_envs: largest number of episodes that run at once.
         progress: called with the number of episodes that have just ended.
         name: of the policy; if left out, that of the expert or of its class.
 
@@ -143,15 +144,17 @@ def evaluate(
         ValueError: for an unknown expert, no seeds, or settings and options the environment refuses.
     """
     numbers = _checked_seeds(seeds)
-    if lanes < 1:
-        raise ValueError(f"lanes {lanes} must be at least 1")
+    if num_envs < 1:
+        raise ValueError(f"num_envs {num_envs} must be at least 1")
     name = name or (policy if isinstance(policy, str) else type(policy).__name__)
     batches: list[_Batch] = []
-    for first in range(0, len(numbers), lanes):
-        batch = numbers[first : first + lanes]
+    for first in range(0, len(numbers), num_envs):
+        batch = numbers[first : first + num_envs]
         with closing(gym.make_vec(env_id, num_envs=len(batch), **(env_config or {}))) as env:
             if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
-                raise ValueError(f"{env_id} does not reset a lane in the step that ends its episode (SAME_STEP)")
+                raise ValueError(
+                    f"{env_id} does not reset an environment in the step that ends its episode (SAME_STEP)"
+                )
             policy = acting = as_policy(policy, env)
             batches.append(_run_batch(acting, env, batch, dict(options or {}), progress or (lambda ended: None)))
     return Evaluation(
@@ -180,14 +183,14 @@ def _run_batch(
     options: dict[str, Any],
     progress: Progress,
 ) -> _Batch:
-    """One episode in every lane. A lane that ends sooner than others goes on, unheeded."""
+    """One episode in every environment. An environment that ends sooner than others goes on, unheeded."""
     n = env.num_envs
     returns, lengths = np.zeros(n), np.zeros(n, dtype=np.int64)
     metrics: dict[str, NDArray[Any]] = {}
     policy_seconds = env_seconds = 0.0
     steps = 0
     planning_before = _planning(policy)
-    observation, _ = env.reset(seed=seeds, options=options)  # type: ignore[arg-type]  # a seed a lane
+    observation, _ = env.reset(seed=seeds, options=options)  # type: ignore[arg-type]  # a seed an environment
     state, begins, running = None, np.ones(n, dtype=bool), np.ones(n, dtype=bool)
     while running.any():
         before = perf_counter()
@@ -209,7 +212,7 @@ def _run_batch(
             progress(int(ended.sum()))
     planning = tuple(after - before for after, before in zip(_planning(policy), planning_before, strict=True))
     timing = Timing(
-        lane_steps=steps * n,
+        env_steps=steps * n,
         plans=int(planning[0]),
         planning_seconds=planning[1],
         policy_seconds=policy_seconds - planning[1],
@@ -220,7 +223,7 @@ def _run_batch(
 
 
 def _collect(metrics: dict[str, NDArray[Any]], final: Info, ended: NDArray[np.bool_], prefix: str = "") -> None:
-    """Put the numbers of the lanes that ended into ``metrics``.
+    """Put the numbers of the environments that ended into ``metrics``.
 
     Reward terms are left out: they speak of the last step, not of the episode.
     """

@@ -185,7 +185,7 @@ def _caption(result: TaskResult) -> str:
         lines.append(
             f"Bound: {BOUNDS[result.task.env].meaning}, from the same starts{which}; over bound: the difference."
         )
-    steps = sum(evaluation.timing.lane_steps for evaluation in result.evaluations)
+    steps = sum(evaluation.timing.env_steps for evaluation in result.evaluations)
     env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps
     lines.append(f"Step: of the policy, without planning; the environment takes {env_us:.1f} us.")
     for policy, settings in result.action_configs.items():

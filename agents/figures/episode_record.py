@@ -24,7 +24,7 @@ class Story:
 
     Attributes:
         title: of the measure, with its unit.
-        measure: one number that a curve over time shows, from a lane's record.
+        measure: one number that a curve over time shows, from an environment's record.
         outcome: what became of an episode, in words, from its last info and its duration (s).
         arrival: when the task was fulfilled, s, from the last info of a success; None for the end of the episode.
         logarithmic: whether the measure spans decades.
@@ -73,7 +73,7 @@ def _following(info: Info, duration: float) -> str:
 STORIES: dict[str, Story] = {
     "ConveyorTrack-v0": Story(
         "distance from hand to part (mm)",
-        lambda lane: 1e3 * float(lane["error"]),
+        lambda env: 1e3 * float(env["error"]),
         _settling,
         arrival="settling_time",
         logarithmic=True,
@@ -81,17 +81,17 @@ STORIES: dict[str, Story] = {
         belt=True,
     ),
     "MinTorqueMove-v0": Story(
-        "sum of the joints' |torque| (N m)", lambda lane: float(lane["torque_l1"]), _effort, rate=True
+        "sum of the joints' |torque| (N m)", lambda env: float(env["torque_l1"]), _effort, rate=True
     ),
     "ObstacleDodge-v0": Story(
         "clearance between arm and disc (mm)",
-        lambda lane: 1e3 * float(lane["clearance"]),
+        lambda env: 1e3 * float(env["clearance"]),
         _dodging,
         arrival="time_to_goal",
     ),
     "ExcavatorPayload-v0": Story(
         "distance from tip to reference (mm)",
-        lambda lane: 1e3 * float(lane["tip_error"]),
+        lambda env: 1e3 * float(env["tip_error"]),
         _following,
         logarithmic=True,
     ),
@@ -161,7 +161,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
         watched = _Watched(env, story)
         info = play(watched, contender.policy, seed, options)
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
-        period, lane = task.config.control_period, task.lanes[0]
+        period, record = task.config.control_period, task.batch[0]
         t = np.arange(len(watched.joints), dtype=np.float64) * period
         measure = np.array(watched.measure)
         if story.rate:
@@ -175,7 +175,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
             joints=np.array(watched.joints),
             target=np.array(watched.target),
             discs=np.array(watched.discs),
-            radii=lane["radii"].copy() if "radii" in _fields(lane) else np.empty(0),
+            radii=record["radii"].copy() if "radii" in _fields(record) else np.empty(0),
             measure=measure,
             tolerance=None if story.tolerance is None else 1e3 * getattr(task.config, story.tolerance),
             info=info,
@@ -183,7 +183,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
 
 
 class _Watched(gym.Wrapper[Any, Any, Any, Any]):
-    """Notes the state of the only lane whenever there is a new one."""
+    """Notes the state of the only environment whenever there is a new one."""
 
     def __init__(self, env: gym.Env[Any, Any], story: Story) -> None:
         super().__init__(env)
@@ -205,23 +205,23 @@ class _Watched(gym.Wrapper[Any, Any, Any, Any]):
         return result
 
     def _note(self) -> None:
-        lane = self._task.lanes[0]
-        joints = self._task.arm.joint_positions(lane["q"])
+        env = self._task.batch[0]
+        joints = self._task.arm.joint_positions(env["q"])
         joints[-1] = self._task.hand_position(0)
         self.joints.append(joints)
-        self.target.append(_target(self._task, lane))
-        self.discs.append(lane["discs"].copy() if "discs" in _fields(lane) else np.empty((0, 2)))
-        self.measure.append(self._story.measure(lane))
+        self.target.append(_target(self._task, env))
+        self.discs.append(env["discs"].copy() if "discs" in _fields(env) else np.empty((0, 2)))
+        self.measure.append(self._story.measure(env))
 
 
-def _target(task: Task, lane: Any) -> Array:
+def _target(task: Task, env: Any) -> Array:
     """Where the hand should be now: on the part, on the reference, or at the goal, in space or by its joint angles."""
     for name in ("part_position", "wanted_tip"):
-        if name in _fields(lane):
-            return np.array(lane[name])
-    goal = np.array(lane["goal"])
+        if name in _fields(env):
+            return np.array(env[name])
+    goal = np.array(env["goal"])
     return goal if len(goal) == 2 else task.arm.forward_kinematics(goal)
 
 
-def _fields(lane: Any) -> tuple[str, ...]:
-    return lane.dtype.names or ()
+def _fields(env: Any) -> tuple[str, ...]:
+    return env.dtype.names or ()

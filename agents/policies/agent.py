@@ -93,13 +93,13 @@ class Agent:
         """Actions for observations.
 
         Args:
-            observation: ``(size,)`` or ``(lanes, size)``.
+            observation: ``(size,)`` or ``(num_envs, size)``.
             state: accepted for compatibility; an agent remembers nothing.
             episode_start: likewise.
             deterministic: the mean action, rather than one drawn around it.
 
         Returns:
-            Actions in [-1, 1], ``(n,)`` or ``(lanes, n)``, and None.
+            Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and None.
 
         Raises:
             ValueError: if the observation has the wrong size.
@@ -116,7 +116,7 @@ class Agent:
         return (clipped[0] if np.ndim(observation) == 1 else clipped), None
 
     def _mean(self, batch: Observation) -> Actions:
-        """Unclipped mean actions ``(lanes, n)``."""
+        """Unclipped mean actions ``(num_envs, n)``."""
         tensors, activation = self.tensors, ACTIVATIONS[self.document["activation"]]
         fine = np.tanh(batch[:, tensors["fine.index"]] * tensors["fine.gain"])
         values = np.concatenate([batch, fine], axis=1)

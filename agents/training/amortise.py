@@ -22,7 +22,7 @@ from envs.min_torque_move.kernels import SHAPE_SCALE
 from planners.motion.rest_curve import SHAPES, shape_functions
 from planners.typing import Array
 
-_LANES = 1024
+_N_ENVS = 1024
 _SAMPLES = 40
 """Instants at which the torques of a motion are added up, denser towards its ends, where torque is spent."""
 _TORQUE_ROOM, _RANGE_ROOM = 0.07, 0.02
@@ -138,13 +138,13 @@ def _moves(config: TrainingConfig, plan: Amortisation, seed: int) -> tuple[torch
     Raises:
         ValueError: if the environment's actions are no motions.
     """
-    with closing(gym.make_vec(config.env, num_envs=_LANES, **config.env_config)) as env:
+    with closing(gym.make_vec(config.env, num_envs=_N_ENVS, **config.env_config)) as env:
         task = env.unwrapped.task  # type: ignore[attr-defined]
         if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
             raise ValueError("amortise needs MinTorqueMove-v0 with control_mode motion: its actions are whole motions")
         rows: list[NDArray[np.float32]] = []
-        while len(rows) * _LANES < plan.moves:
-            rows.append(env.reset(seed=seed + len(rows) * _LANES)[0])
+        while len(rows) * _N_ENVS < plan.moves:
+            rows.append(env.reset(seed=seed + len(rows) * _N_ENVS)[0])
         return torch.from_numpy(np.concatenate(rows)[: plan.moves]), MoveCost(task)
 
 

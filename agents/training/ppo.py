@@ -12,7 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from agents.training.recipe import TrainingConfig
-from agents.training.vec_env import LanesVecEnv
+from agents.training.vec_env import NativeVecEnv
 from envs.observation import Layout
 from envs.settings import refuse_unknown
 
@@ -28,7 +28,7 @@ class FineFeatures(BaseFeaturesExtractor):  # type: ignore[misc]
         self.register_buffer("gain", torch.tensor(gain, dtype=torch.float32))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features ``(lanes, features)``."""
+        """Features ``(num_envs, features)``."""
         return torch.cat([observations, torch.tanh(observations[:, self.index] * self.gain)], dim=1)
 
 
@@ -37,11 +37,11 @@ class SegmentedPPO(PPO):  # type: ignore[misc]
 
     Args:
         config: of the run.
-        env: lanes to learn in.
+        env: environments to learn in.
         layout: of their observations.
     """
 
-    def __init__(self, config: TrainingConfig, env: LanesVecEnv, layout: Layout) -> None:
+    def __init__(self, config: TrainingConfig, env: NativeVecEnv, layout: Layout) -> None:
         self.config = config
         index, gain = fine_elements(config, layout)
         super().__init__(

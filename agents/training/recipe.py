@@ -62,9 +62,9 @@ class TrainingConfig(Settings):
         env: id of the environment.
         env_config: its settings.
         seed: of everything.
-        total_steps: control steps of all lanes together.
-        lanes: episodes that run at once.
-        rollout_steps: control steps a lane takes between two updates.
+        total_steps: control steps of all environments together.
+        num_envs: episodes that run at once.
+        rollout_steps: control steps an environment takes between two updates.
         batch_size: samples in a minibatch.
         epochs: passes over the samples at each update.
         learning_rate, final_learning_rate: at the start and at the end, linear between.
@@ -91,7 +91,7 @@ class TrainingConfig(Settings):
     env_config: dict[str, Any] = Field(default_factory=dict)
     seed: int = Field(0, ge=0)
     total_steps: int = Field(3_000_000, ge=1)
-    lanes: int = Field(128, ge=1)
+    num_envs: int = Field(128, ge=1)
     rollout_steps: int = Field(150, ge=2)
     batch_size: int = Field(2400, ge=2)
     epochs: int = Field(8, ge=1)
@@ -127,7 +127,7 @@ class TrainingConfig(Settings):
     @property
     def segment_steps(self) -> int:
         """Control steps between two checkpoints: whole rollouts."""
-        rollout = self.lanes * self.rollout_steps
+        rollout = self.num_envs * self.rollout_steps
         return -(-self.checkpoint_steps // rollout) * rollout
 
     def overridden(self, changes: Iterable[str]) -> Self:

@@ -1,7 +1,7 @@
 """A training run: a folder on the disk, and segments between whose ends nothing is carried but what a checkpoint holds.
 
-At the start of every segment all generators are seeded from the run's seed and the segment's number, and every lane
-begins an episode. So a run that is resumed goes on bit for bit as if it had never been stopped.
+At the start of every segment all generators are seeded from the run's seed and the segment's number, and every
+environment begins an episode. So a run that is resumed goes on bit for bit as if it had never been stopped.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from agents.provenance import machine, versions
 from agents.training.amortise import amortise
 from agents.training.ppo import SegmentedPPO, agent_tensors, fine_elements
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
-from agents.training.vec_env import LanesVecEnv
+from agents.training.vec_env import NativeVecEnv
 from agents.training.warm_start import clone_expert
 from agents.training.whole_episodes import WholeEpisodes
 from agents.yaml_config import load_experiment
@@ -40,7 +40,7 @@ from envs.experts import expert_names
 from envs.settings import refuse_unknown
 
 TRAINING_SEEDS = 2**31
-"""Lanes learn from seeds in [2**31, 2**32); evaluations use lower ones."""
+"""Environments learn from seeds in [2**31, 2**32); evaluations use lower ones."""
 
 Row = dict[str, Any]
 RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
@@ -115,7 +115,7 @@ class TrainingRun:
         watcher = watcher or Watcher()
         torch.set_num_threads(1)  # a second thread costs far more in synchronisation than it brings to so small a net
         layout = layout_of(self.config.env, self.config.env_config)
-        with closing(_make_lanes(self.config)) as env:
+        with closing(_make_batch(self.config)) as env:
             model = SegmentedPPO(self.config, env, layout)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self._restore(model)
@@ -137,17 +137,17 @@ class TrainingRun:
         before = perf_counter()
         seed_everything(self.config.seed, 0)
         for begin in (clone_expert, amortise):
-            if not begin(model.policy, self.config, _lane_seed(self.config.seed, 0), go_on):
+            if not begin(model.policy, self.config, _env_seed(self.config.seed, 0), go_on):
                 return False
         self.seconds += perf_counter() - before
         self._checkpoint(model, rival, watcher)
         return True
 
-    def _segment(self, model: SegmentedPPO, env: LanesVecEnv, rival: Row, watcher: Watcher) -> bool:
+    def _segment(self, model: SegmentedPPO, env: NativeVecEnv, rival: Row, watcher: Watcher) -> bool:
         """Train up to the next checkpoint and write it; False, and no checkpoint, if the watcher stopped it."""
         number, before = 1 + self.steps // self.config.segment_steps, perf_counter()
         seed_everything(self.config.seed, number)
-        env.seed(_lane_seed(self.config.seed, number))
+        env.seed(_env_seed(self.config.seed, number))
         model._last_obs = None  # so that learn begins with new episodes
         watcher.begin("training")
         goal = min(number * self.config.segment_steps, self.config.total_steps)
@@ -271,8 +271,8 @@ def seed_everything(seed: int, segment: int) -> None:
     torch.manual_seed(int(state[2]))
 
 
-def _lane_seed(seed: int, segment: int) -> int:
-    """Seed of a segment's first lane; the next lane has the next."""
+def _env_seed(seed: int, segment: int) -> int:
+    """Seed of a segment's first environment; the next environment has the next."""
     return TRAINING_SEEDS + int(_segment_state(seed, segment)[3]) % (2**31 - 2**20)
 
 
@@ -289,9 +289,9 @@ def _check(config: TrainingConfig) -> None:
             envs.make_expert(config.warm_start.expert, env)
 
 
-def _make_lanes(config: TrainingConfig) -> LanesVecEnv:
-    env = gym.make_vec(config.env, num_envs=config.lanes, **config.env_config)
-    return LanesVecEnv(WholeEpisodes(env) if config.whole_episodes else env)
+def _make_batch(config: TrainingConfig) -> NativeVecEnv:
+    env = gym.make_vec(config.env, num_envs=config.num_envs, **config.env_config)
+    return NativeVecEnv(WholeEpisodes(env) if config.whole_episodes else env)
 
 
 def _merit(row: Row) -> tuple[float, float]:

@@ -57,13 +57,13 @@ def clone_expert(
 def collect(
     env: gym.vector.VectorEnv[Any, Any, Any], expert_name: str, actor: Any, seed: int
 ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]], list[Array]]:
-    """The first episode of each lane: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
+    """The first episode of each environment: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
 
     Args:
-        env: lanes.
+        env: environments.
         expert_name: of the expert that says what to do.
         actor: the policy that acts; None for the expert itself.
-        seed: of the first lane; the next has the next.
+        seed: of the first environment; the next has the next.
     """
     expert = envs.make_expert(expert_name, env)
     observation, _ = env.reset(seed=seed)
@@ -79,7 +79,7 @@ def collect(
         running &= ~begins
         observation = following
     *columns, alive = (np.stack(column, axis=1) for column in zip(*rows, strict=True))
-    seen, labels, earned = ([lane[lives] for lane, lives in zip(column, alive, strict=True)] for column in columns)
+    seen, labels, earned = ([record[lives] for record, lives in zip(column, alive, strict=True)] for column in columns)
     return seen, labels, earned
 
 

@@ -15,7 +15,7 @@ Info = dict[str, Any]
 
 
 class WholeEpisodes(VectorWrapper):
-    """Holds an action to the end of the episode, in every lane, and then begins new episodes in all of them.
+    """Holds an action to the end of the episode, in every environment, and then begins new episodes in all of them.
 
     The reward of a step is the episode's return, so that every step ends an episode.
     """
@@ -23,7 +23,7 @@ class WholeEpisodes(VectorWrapper):
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
-        """One episode in every lane."""
+        """One episode in every environment."""
         returns = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
         running = np.ones(self.num_envs, dtype=bool)
@@ -42,14 +42,14 @@ class WholeEpisodes(VectorWrapper):
         return observations, returns, terminated, truncated, {**infos, **last}
 
 
-def _where(lanes: NDArray[np.bool_], new: Info, old: Info) -> Info:
-    """Infos of Gymnasium's vector form, with those of some lanes replaced."""
+def _where(where: NDArray[np.bool_], new: Info, old: Info) -> Info:
+    """Infos of Gymnasium's vector form, with those of some environments replaced."""
     merged: Info = {}
     for name, values in new.items():
         if isinstance(values, dict):
-            merged[name] = _where(lanes, values, old.get(name, {}))
+            merged[name] = _where(where, values, old.get(name, {}))
         elif name in old:
-            chosen = lanes.reshape(-1, *[1] * (values.ndim - 1))
+            chosen = where.reshape(-1, *[1] * (values.ndim - 1))
             merged[name] = np.where(chosen, values, old[name])
         else:
             merged[name] = values

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from envs.conveyor_track.kernels import LANE_FIELDS, MODEL_FIELDS, advance_lanes, reset_lane
+from envs.conveyor_track.kernels import ENV_FIELDS, MODEL_FIELDS, advance_batch, reset_env
 from envs.conveyor_track.starts import PAPER_START, Demands, Start, draw_starts, require_solvable
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
 from envs.observation import Entry, Layout, Observation
@@ -84,19 +84,19 @@ LAYOUT = Layout(
 
 
 class ConveyorTrack(Task):
-    """The conveyor-tracking task over a batch of lanes; `ConveyorTrackEnv` documents it."""
+    """The conveyor-tracking task over a batch of environments; `ConveyorTrackEnv` documents it."""
 
     env_id: ClassVar[str] = "ConveyorTrack-v0"
     layout = LAYOUT
     reward_terms: ClassVar[tuple[str, ...]] = ("progress", "settling", "limits")
     config: ConveyorTrackConfig
 
-    def __init__(self, config: ConveyorTrackConfig, n_lanes: int) -> None:
+    def __init__(self, config: ConveyorTrackConfig, num_envs: int) -> None:
         super().__init__(
             config,
             SCARA_1M,
-            n_lanes,
-            extra_lane=LANE_FIELDS,
+            num_envs,
+            extra_env=ENV_FIELDS,
             extra_model=MODEL_FIELDS,
         )
         self._copy_settings("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty")
@@ -104,33 +104,35 @@ class ConveyorTrack(Task):
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
 
     @classmethod
-    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ConveyorTrack:
+    def make(cls, config: Mapping[str, Any], num_envs: int) -> ConveyorTrack:
         """The task from settings by name; unknown names are refused."""
-        return cls(ConveyorTrackConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+        return cls(ConveyorTrackConfig.parse(config, f"{cls.env_id} setting"), num_envs)
 
-    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
-        """Begin an episode in some lanes; see `ConveyorTrackOptions`.
+    def reset_envs(
+        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
+    ) -> None:
+        """Begin an episode in some environments; see `ConveyorTrackOptions`.
 
         Raises:
             ValueError: for unknown options, or values for which no motion keeps all limits; nothing has changed then.
         """
         chosen = ConveyorTrackOptions.parse(options, f"{self.env_id} option")
         starts = self._starts(generators, chosen)
-        for lane, start in zip(lanes, starts, strict=True):
-            record = self.lanes[lane]
+        for env_index, start in zip(env_indices, starts, strict=True):
+            record = self.batch[env_index]
             record["hand"] = start.hand_x, start.line_height
             record["part_position"] = start.hand_x - start.offset, start.line_height
             record["part_velocity"] = start.belt_speed, 0.0
             record["part_acceleration"] = self.config.belt_acceleration, 0.0
-            reset_lane(self.lanes, self.model, lane, start.elbow)
+            reset_env(self.batch, self.model, env_index, start.elbow)
 
     def advance_slice(self, first: int, last: int) -> None:
-        """Advance lanes ``first`` to ``last - 1`` by one control period."""
-        advance_lanes(self.lanes, self.model, first, last)
+        """Advance environments ``first`` to ``last - 1`` by one control period."""
+        advance_batch(self.batch, self.model, first, last)
 
-    def episode_info(self, lane: int) -> dict[str, Any]:
-        """Settling time, errors, J of eq 18, peak torque and limit ratios of a lane's episode."""
-        record = self.lanes[lane]
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """Settling time, errors, J of eq 18, peak torque and limit ratios of an environment's episode."""
+        record = self.batch[env_index]
         settled = int(record["settled_steps"])
         since = int(record["step"]) - settled + 1
         return {
@@ -138,7 +140,7 @@ class ConveyorTrack(Task):
             "steady_state_error": float(record["steady_state_error"]),
             "lq_cost": float(record["lq_cost"]),
             "peak_torque": float(record["peak_torque"]),
-            **self.limit_info(lane),
+            **self.limit_info(env_index),
         }
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
@@ -162,13 +164,13 @@ class ConveyorTrack(Task):
         """Stretch of the plane a frame shows, m."""
         return (-1.5, 1.3, -0.25, 2.1)
 
-    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this lane shows."""
-        record = self.lanes[lane]
+    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this environment shows."""
+        record = self.batch[env_index]
         period = self.config.control_period
         start, part = record["belt_start"], record["part_position"]
         error, velocity_error = float(record["error"]), float(record["velocity_error"])
-        ratios = self.limit_info(lane)["limit_ratios"]
+        ratios = self.limit_info(env_index)["limit_ratios"]
         settled = int(record["settled_steps"]) > 0
         return Scene(
             joints=self.arm.joint_positions(record["q"]),
@@ -271,6 +273,6 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
 
 class ConveyorTrackVectorEnv(PlanarArmVectorEnv):
-    """ConveyorTrack-v0 over a batch of lanes; `ConveyorTrackEnv` documents the task."""
+    """ConveyorTrack-v0 over a batch of environments; `ConveyorTrackEnv` documents the task."""
 
     task_type = ConveyorTrack

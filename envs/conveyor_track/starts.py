@@ -122,7 +122,7 @@ def draw_starts(generators: Sequence[np.random.Generator], given: Mapping[str, f
     """One solvable start a generator.
 
     Args:
-        generators: one a lane; each is asked for as many numbers, whatever the other lanes do.
+        generators: one an environment; each is asked for as many numbers, whatever the other environments do.
         given: values of `Start` that are set by hand; the others are drawn.
         demands: what the starts must allow.
 

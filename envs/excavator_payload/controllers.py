@@ -16,7 +16,7 @@ from planners.excavator.controllers import ADAPTIVE, DEFAULT, make_planar_contro
 from planners.typing import Array
 
 Reference = tuple[Array, Array, Array]
-"""Wanted angles, velocities and accelerations, ``(lanes, n)`` each."""
+"""Wanted angles, velocities and accelerations, ``(num_envs, n)`` each."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class PayloadState:
     """What an expert remembers from step to step.
 
     Attributes:
-        control: memory of the controller, ``(lanes, p + n)``: see `planners.control.Controller.memory`.
+        control: memory of the controller, ``(num_envs, p + n)``: see `planners.control.Controller.memory`.
         way: of the way to the next waypoint, if the expert chooses its own.
     """
 
@@ -33,7 +33,7 @@ class PayloadState:
 
     @property
     def mass_estimate(self) -> Array:
-        """What the load is taken to weigh, ``(lanes,)``, kg."""
+        """What the load is taken to weigh, ``(num_envs,)``, kg."""
         return self.control[:, 0].copy()
 
 
@@ -56,7 +56,7 @@ class PayloadExpert(Expert):
 
     @property
     def mass_estimate(self) -> Array | None:
-        """What it takes the loads to weigh after the last call, ``(lanes,)``, kg; None if it does not weigh them."""
+        """What it takes the loads to weigh after the last call, ``(num_envs,)``, kg; None if it does not weigh them."""
         known = cast(PayloadState | None, self._memory)
         return known.mass_estimate if known is not None and self._name in ADAPTIVE else None
 
@@ -74,7 +74,7 @@ class PayloadExpert(Expert):
         seen = self.task.layout.parse(observations)
         begins = starts | self._begins(seen)
         known = cast(PayloadState | None, state)
-        if self._controller.lanes != len(observations):
+        if self._controller.rows != len(observations):
             self._prepare(len(observations))
         if known is None or len(known.control) != len(observations):
             self._controller.reset()
@@ -102,11 +102,11 @@ class PayloadExpert(Expert):
         within = np.clip(added_to - room, -limit, limit), np.clip(added_to + room, -limit, limit)
         return (self._controller.torque(q, qd, *reference, within=within) - added_to) / room
 
-    def _prepare(self, lanes: int) -> None:
-        """Make the controllers for another number of lanes."""
+    def _prepare(self, rows: int) -> None:
+        """Make the controllers for another number of environments."""
         period = self.task.config.control_period
-        self._controller = make_planar_controller(self._name, moments=self._moments, lanes=lanes, period=period)
-        self._empty = make_planar_controller("slotine-li", lanes=lanes, period=period)
+        self._controller = make_planar_controller(self._name, moments=self._moments, rows=rows, period=period)
+        self._empty = make_planar_controller("slotine-li", rows=rows, period=period)
 
 
 def given_reference(seen: dict[str, Array]) -> Reference:

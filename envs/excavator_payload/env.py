@@ -15,12 +15,12 @@ from envs.excavator_payload import reference as excavator_reference
 from envs.excavator_payload import world as excavator_world
 from envs.excavator_payload.hidden import HiddenDraw
 from envs.excavator_payload.kernels import (
-    LANE_FIELDS,
+    ENV_FIELDS,
     MODEL_FIELDS,
     RESIDUAL_SHARE,
-    advance_lanes,
+    advance_batch,
     empty_bucket_torque,
-    reset_lane,
+    reset_env,
 )
 from envs.excavator_payload.reference import Waypoints, draw_reference, given_waypoints, numbers_needed, work_cycle
 from envs.observation import Entry, Layout, Observation
@@ -123,20 +123,20 @@ LAYOUT = Layout(
 
 
 class ExcavatorPayload(Task):
-    """Following with an unknown load over a batch of lanes; `ExcavatorPayloadEnv` documents it."""
+    """Following with an unknown load over a batch of environments; `ExcavatorPayloadEnv` documents it."""
 
     env_id: ClassVar[str] = "ExcavatorPayload-v0"
     layout = LAYOUT
     reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "smoothness", "failure")
     config: ExcavatorPayloadConfig
 
-    def __init__(self, config: ExcavatorPayloadConfig, n_lanes: int) -> None:
+    def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
         steps = round(config.horizon / config.control_period)
         super().__init__(
             config,
             planar_arm(),
-            n_lanes,
-            extra_lane=excavator_world.LANE_FIELDS + excavator_reference.LANE_FIELDS + LANE_FIELDS,
+            num_envs,
+            extra_env=excavator_world.ENV_FIELDS + excavator_reference.ENV_FIELDS + ENV_FIELDS,
             extra_model=excavator_world.MODEL_FIELDS + excavator_reference.MODEL_FIELDS + MODEL_FIELDS,
         )
         excavator_world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
@@ -155,42 +155,44 @@ class ExcavatorPayload(Task):
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))
 
     @classmethod
-    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ExcavatorPayload:
+    def make(cls, config: Mapping[str, Any], num_envs: int) -> ExcavatorPayload:
         """The task from settings by name; unknown names are refused."""
-        return cls(ExcavatorPayloadConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+        return cls(ExcavatorPayloadConfig.parse(config, f"{cls.env_id} setting"), num_envs)
 
     @staticmethod
     def actuation_mode(config: Any) -> ControlMode:
         """A residual is a torque, too."""
         return "torque"
 
-    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
-        """Begin an episode in some lanes; see `ExcavatorPayloadOptions`.
+    def reset_envs(
+        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
+    ) -> None:
+        """Begin an episode in some environments; see `ExcavatorPayloadOptions`.
 
         Raises:
             ValueError: for unknown options, or waypoints that the machine cannot follow; nothing has changed then.
         """
         chosen = ExcavatorPayloadOptions.parse(options, f"{self.env_id} option")
         given = self._given_waypoints(chosen)
-        for lane, generator in zip(lanes, generators, strict=True):
-            record = self.lanes[lane]
+        for env_index, generator in zip(env_indices, generators, strict=True):
+            record = self.batch[env_index]
             hidden = self._hidden.draw(generator, chosen.payload, chosen.payload_offset, chosen.friction_scale)
             hidden.write(record)
             record["noise_seed"] = generator.integers(2**63)
             numbers = generator.random(numbers_needed(self.config.horizon))
             if given is None:
-                draw_reference(self.lanes, self.model, lane, numbers)
+                draw_reference(self.batch, self.model, env_index, numbers)
             else:
                 given.write(record)
-            reset_lane(self.lanes, self.model, lane)
+            reset_env(self.batch, self.model, env_index)
 
     def advance_slice(self, first: int, last: int) -> None:
-        """Advance lanes ``first`` to ``last - 1`` by one control period."""
-        advance_lanes(self.lanes, self.model, first, last)
+        """Advance environments ``first`` to ``last - 1`` by one control period."""
+        advance_batch(self.batch, self.model, first, last)
 
-    def episode_info(self, lane: int) -> dict[str, Any]:
-        """Errors, torques and limit ratios of a lane's episode, and what was hidden in it."""
-        record = self.lanes[lane]
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """Errors, torques and limit ratios of an environment's episode, and what was hidden in it."""
+        record = self.batch[env_index]
         steps = int(record["judged_steps"])
         judged = bool(record["truncated"]) and steps > 0
         tip_rms = math.sqrt(record["tip_squares"] / steps) if judged else math.inf
@@ -206,7 +208,7 @@ class ExcavatorPayload(Task):
             "friction_scale": float(record["friction_scale"]),
             "torque_l1": float(record["torque_l1"]),
             "peak_torque": float(record["peak_torque"]),
-            **self.limit_info(lane),
+            **self.limit_info(env_index),
         }
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
@@ -236,7 +238,7 @@ class ExcavatorPayload(Task):
         return scale
 
     def empty_bucket_torque(self, seen: dict[str, Array]) -> Array:
-        """What the controller under a residual asks for before limits, of parsed observations ``(lanes, n)``, N m."""
+        """Torques of the controller under a residual before limits, for parsed observations, ``(num_envs, n)``, N m."""
         reference = np.stack(
             [
                 seen["joint_position"] + seen["reference_error"],
@@ -246,13 +248,13 @@ class ExcavatorPayload(Task):
             axis=1,
         )
         tau = np.empty_like(seen["joint_position"])
-        for lane, (q, qd) in enumerate(zip(seen["joint_position"], seen["joint_velocity"], strict=True)):
-            empty_bucket_torque(self.model[0], q, qd, reference[lane], tau[lane])
+        for env_index, (q, qd) in enumerate(zip(seen["joint_position"], seen["joint_velocity"], strict=True)):
+            empty_bucket_torque(self.model[0], q, qd, reference[env_index], tau[env_index])
         return tau
 
-    def hand_position(self, lane: int) -> Array:
+    def hand_position(self, env_index: int) -> Array:
         """Where the tip of the tool is, ``(2,)``, m."""
-        tip: Array = self.lanes["tip"][lane].copy()
+        tip: Array = self.batch["tip"][env_index].copy()
         return tip
 
     @property
@@ -260,14 +262,14 @@ class ExcavatorPayload(Task):
         """Stretch of the plane a frame shows, m."""
         return (-0.7, 4.3, -1.6, 3.6)
 
-    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this lane shows."""
-        record = self.lanes[lane]
+    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this environment shows."""
+        record = self.batch[env_index]
         joints = self.arm.joint_positions(record["q"])
         joints[-1] = record["tip"]
         error, judged = float(record["tip_error"]), int(record["judged_steps"])
         rms = math.sqrt(record["tip_squares"] / max(1, judged))
-        ratios = self.limit_info(lane)["limit_ratios"]
+        ratios = self.limit_info(env_index)["limit_ratios"]
         return Scene(
             joints=joints,
             torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
@@ -386,6 +388,6 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
 
 
 class ExcavatorPayloadVectorEnv(PlanarArmVectorEnv):
-    """ExcavatorPayload-v0 over a batch of lanes; `ExcavatorPayloadEnv` documents the task."""
+    """ExcavatorPayload-v0 over a batch of environments; `ExcavatorPayloadEnv` documents the task."""
 
     task_type = ExcavatorPayload

@@ -31,7 +31,7 @@ class Hidden(NamedTuple):
     drop_step: int
 
     def write(self, record: Any) -> None:
-        """Make it that of a lane's record."""
+        """Make it that of an environment's record."""
         record["payload"], record["load_offset"], record["friction_scale"] = self[:3]
         record["pick_step"], record["drop_step"] = self[3:]
         record["payload_inertia"] = self.payload * EXCAVATOR.payload.gyration_square(self.payload)

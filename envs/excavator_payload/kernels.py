@@ -1,4 +1,4 @@
-"""The compiled kernels of ExcavatorPayload: how a lane begins, advances, is scored and observed."""
+"""The compiled kernels of ExcavatorPayload: how an environment begins, advances, is scored and observed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, referen
 from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, place_links, tip_of
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import clear_episode, finish_observation, sum_reward
-from planners.excavator.newton_euler import torque_lane
+from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
 
 RESIDUAL_SHARE = np.array([0.4, 0.4, 0.3])
@@ -25,7 +25,7 @@ STRAY = math.radians(30.0)
 """How far outside the box of the waypoints a joint may be before it ends as failed, rad."""
 
 
-LANE_FIELDS: list[tuple[Any, ...]] = [
+ENV_FIELDS: list[tuple[Any, ...]] = [
     ("payload", "f8"),
     ("payload_inertia", "f8"),
     ("pick_step", "i8"),
@@ -47,7 +47,7 @@ LANE_FIELDS: list[tuple[Any, ...]] = [
     ("waypoint_error", "f8"),
     ("torque_l1", "f8"),
 ]
-"""What a lane's record holds for this task, beside its physics and its reference."""
+"""What an environment's record holds for this task, beside its physics and its reference."""
 
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
@@ -68,57 +68,57 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
 
 
 @njit(cache=True, nogil=True)
-def reset_lane(lanes: Any, model: Any, index: int) -> None:
-    """Begin an episode in one lane whose reference, payload and noise are already set.
+def reset_env(batch: Any, model: Any, index: int) -> None:
+    """Begin an episode in one environment whose reference, payload and noise are already set.
 
     The drives begin with what holds the empty machine in its posture, which tells nothing of a load.
     """
-    lane, shared = lanes[index], model[0]
-    lane.q[:] = lane.waypoints[0]
-    clear_episode(lane)
-    _hold(lane, lane.pick_step == 0)
-    place_links(lane, shared)
+    env, shared = batch[index], model[0]
+    env.q[:] = env.waypoints[0]
+    clear_episode(env)
+    _hold(env, env.pick_step == 0)
+    place_links(env, shared)
     still = np.zeros(N_JOINTS)
-    torque_lane(_chain(shared), np.zeros(10), lane.q, still, still, still, lane.tau)
-    lane.drive_torque[:] = lane.tau
+    torque_single(_chain(shared), np.zeros(10), env.q, still, still, still, env.tau)
+    env.drive_torque[:] = env.tau
     for i in range(N_JOINTS):
-        lane.held_action[i] = 0.0 if shared.residual else lane.tau[i] / shared.limits[0, i]
-    lane.leg = 1
-    lane.error_integral[:] = 0.0
-    lane.judged_after = shared.judged_after
-    lane.judged_steps = 0
-    lane.tip_squares = lane.tip_max = lane.joint_squares = lane.waypoint_error = lane.torque_l1 = 0.0
-    _measure(lane, shared)
-    _observe(lane, shared)
+        env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
+    env.leg = 1
+    env.error_integral[:] = 0.0
+    env.judged_after = shared.judged_after
+    env.judged_steps = 0
+    env.tip_squares = env.tip_max = env.joint_squares = env.waypoint_error = env.torque_l1 = 0.0
+    _measure(env, shared)
+    _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
-    """Advance lanes ``first`` to ``last - 1`` by one control period under their ``action``."""
+def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
+    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
     shared = model[0]
     for index in range(first, last):
-        lane = lanes[index]
-        if lane.step == lane.drop_step or (lane.step == lane.pick_step and lane.step > 0):
-            _hold(lane, lane.step == lane.pick_step)
-            change_load(lane, shared)
-            lane.judged_after = max(lane.judged_after, lane.step + shared.settling_steps)
-        change = _command(lane, shared)
-        advance_links(lane, shared)
-        finish_period(lane, shared)
-        lane.step += 1
+        env = batch[index]
+        if env.step == env.drop_step or (env.step == env.pick_step and env.step > 0):
+            _hold(env, env.step == env.pick_step)
+            change_load(env, shared)
+            env.judged_after = max(env.judged_after, env.step + shared.settling_steps)
+        change = _command(env, shared)
+        advance_links(env, shared)
+        finish_period(env, shared)
+        env.step += 1
         for i in range(N_JOINTS):
-            lane.torque_l1 += shared.control_period * abs(lane.tau[i])
-            lane.error_integral[i] += shared.control_period * (lane.reference[0, i] - lane.measured[0, i])
-        _measure(lane, shared)
-        _judge(lane)
-        lane.terminated = _ran_away(lane)
-        lane.truncated = lane.step >= shared.horizon_steps and not lane.terminated
-        lane.success = lane.truncated and _within(lane, shared)
-        lane.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, lane.tip_error / shared.reward_distance))
-        lane.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * change
-        lane.reward_terms[2] = -shared.failure_penalty if lane.terminated else 0.0
-        sum_reward(lane)
-        _observe(lane, shared)
+            env.torque_l1 += shared.control_period * abs(env.tau[i])
+            env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
+        _measure(env, shared)
+        _judge(env)
+        env.terminated = _ran_away(env)
+        env.truncated = env.step >= shared.horizon_steps and not env.terminated
+        env.success = env.truncated and _within(env, shared)
+        env.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, env.tip_error / shared.reward_distance))
+        env.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * change
+        env.reward_terms[2] = -shared.failure_penalty if env.terminated else 0.0
+        sum_reward(env)
+        _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
@@ -128,33 +128,33 @@ def _chain(shared: Any) -> tuple[Array, Array, Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def _hold(lane: Any, loaded: bool) -> None:
-    lane.load = lane.payload if loaded else 0.0
-    lane.load_inertia = lane.payload_inertia if loaded else 0.0
+def _hold(env: Any, loaded: bool) -> None:
+    env.load = env.payload if loaded else 0.0
+    env.load_inertia = env.payload_inertia if loaded else 0.0
 
 
 @njit(cache=True, nogil=True)
-def _command(lane: Any, shared: Any) -> float:
+def _command(env: Any, shared: Any) -> float:
     """Turn the action into the torques of the next period; returns the square of its change."""
-    command(lane, shared, lane.action)
+    command(env, shared, env.action)
     if shared.residual:
-        _add_to_controller(lane, shared)
+        _add_to_controller(env, shared)
     change = 0.0
     for i in range(N_JOINTS):
-        share = min(1.0, max(-1.0, lane.action[i]))
-        change += (share - lane.held_action[i]) ** 2
-        lane.held_action[i] = share
+        share = min(1.0, max(-1.0, env.action[i]))
+        change += (share - env.held_action[i]) ** 2
+        env.held_action[i] = share
     return change
 
 
 @njit(cache=True, nogil=True)
-def _add_to_controller(lane: Any, shared: Any) -> None:
+def _add_to_controller(env: Any, shared: Any) -> None:
     """The controller's torques plus the action's, within the limits."""
-    empty_bucket_torque(shared, lane.measured[0], lane.measured[1], lane.reference, lane.tau)
+    empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, env.tau)
     for i in range(N_JOINTS):
         limit = shared.limits[0, i]
-        wanted = lane.tau[i] + RESIDUAL_SHARE[i] * limit * min(1.0, max(-1.0, lane.action[i]))
-        lane.tau[i] = min(limit, max(-limit, wanted))
+        wanted = env.tau[i] + RESIDUAL_SHARE[i] * limit * min(1.0, max(-1.0, env.action[i]))
+        env.tau[i] = min(limit, max(-limit, wanted))
 
 
 @njit(cache=True, nogil=True)
@@ -164,72 +164,72 @@ def empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau: 
     for i in range(N_JOINTS):
         qd_r[i] = reference[1, i] + model.bandwidth[i] * (reference[0, i] - q[i])
         qdd_r[i] = reference[2, i] + model.bandwidth[i] * (reference[1, i] - qd[i])
-    torque_lane(_chain(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
+    torque_single(_chain(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
     for i in range(N_JOINTS):
         tau[i] += model.damping[i] * (qd_r[i] - qd[i])
 
 
 @njit(cache=True, nogil=True)
-def _measure(lane: Any, shared: Any) -> None:
+def _measure(env: Any, shared: Any) -> None:
     """The reference now, what is measured of the joints, and how far the tip really is from where it should be."""
-    reference_at(lane, shared, lane.step, lane.reference)
-    lane.measured[0] = lane.q
-    lane.measured[1] = lane.qd
-    add_noise(lane.noise_seed, lane.step, shared.noise, lane.measured)
-    tip_of(shared, lane.q, lane.tip)
-    tip_of(shared, lane.reference[0], lane.wanted_tip)
-    lane.tip_error = math.hypot(lane.tip[0] - lane.wanted_tip[0], lane.tip[1] - lane.wanted_tip[1])
+    reference_at(env, shared, env.step, env.reference)
+    env.measured[0] = env.q
+    env.measured[1] = env.qd
+    add_noise(env.noise_seed, env.step, shared.noise, env.measured)
+    tip_of(shared, env.q, env.tip)
+    tip_of(shared, env.reference[0], env.wanted_tip)
+    env.tip_error = math.hypot(env.tip[0] - env.wanted_tip[0], env.tip[1] - env.wanted_tip[1])
 
 
 @njit(cache=True, nogil=True)
-def _judge(lane: Any) -> None:
+def _judge(env: Any) -> None:
     """Count this step, unless the load is still too new to be known."""
-    judged = lane.step > lane.judged_after
+    judged = env.step > env.judged_after
     if judged:
-        lane.judged_steps += 1
-        lane.tip_squares += lane.tip_error * lane.tip_error
-        lane.tip_max = max(lane.tip_max, lane.tip_error)
+        env.judged_steps += 1
+        env.tip_squares += env.tip_error * env.tip_error
+        env.tip_max = max(env.tip_max, env.tip_error)
         for i in range(N_JOINTS):
-            error = lane.reference[0, i] - lane.q[i]
-            lane.joint_squares += error * error
-    if lane.step == lane.due[lane.leg]:
+            error = env.reference[0, i] - env.q[i]
+            env.joint_squares += error * error
+    if env.step == env.due[env.leg]:
         if judged:
-            lane.waypoint_error = max(lane.waypoint_error, lane.tip_error)
-        lane.leg = min(lane.leg + 1, lane.n_waypoints - 1)
+            env.waypoint_error = max(env.waypoint_error, env.tip_error)
+        env.leg = min(env.leg + 1, env.n_waypoints - 1)
 
 
 @njit(cache=True, nogil=True)
-def _within(lane: Any, shared: Any) -> bool:
+def _within(env: Any, shared: Any) -> bool:
     """Whether the judged errors are within the tolerances."""
-    squares = shared.rms_tolerance * shared.rms_tolerance * lane.judged_steps
-    return bool(lane.judged_steps > 0 and lane.tip_squares <= squares and lane.tip_max <= shared.peak_tolerance)
+    squares = shared.rms_tolerance * shared.rms_tolerance * env.judged_steps
+    return bool(env.judged_steps > 0 and env.tip_squares <= squares and env.tip_max <= shared.peak_tolerance)
 
 
 @njit(cache=True, nogil=True)
-def _ran_away(lane: Any) -> bool:
+def _ran_away(env: Any) -> bool:
     for i in range(N_JOINTS):
-        inside = LOWEST[i] - STRAY <= lane.q[i] <= HIGHEST[i] + STRAY
-        if not inside or abs(lane.qd[i]) > FASTEST:
+        inside = LOWEST[i] - STRAY <= env.q[i] <= HIGHEST[i] + STRAY
+        if not inside or abs(env.qd[i]) > FASTEST:
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def _observe(lane: Any, shared: Any) -> None:
+def _observe(env: Any, shared: Any) -> None:
     """Write the observation: the entries of the layout, in its order."""
-    seen, ahead = lane.seen, np.empty((3, N_JOINTS))
-    seen[0:3] = lane.measured[0]
-    seen[3:6] = lane.measured[1]
-    seen[6:9] = lane.reference[0] - lane.measured[0]
-    seen[9:12] = lane.reference[1]
-    seen[12:15] = lane.reference[2]
+    seen, ahead = env.seen, np.empty((3, N_JOINTS))
+    seen[0:3] = env.measured[0]
+    seen[3:6] = env.measured[1]
+    seen[6:9] = env.reference[0] - env.measured[0]
+    seen[9:12] = env.reference[1]
+    seen[12:15] = env.reference[2]
     for k in range(len(LOOKAHEAD)):
-        reference_at(lane, shared, lane.step + LOOKAHEAD[k] / shared.control_period, ahead)
-        seen[15 + 3 * k : 18 + 3 * k] = ahead[0] - lane.reference[0]
-    seen[24:27] = lane.error_integral
+        reference_at(env, shared, env.step + LOOKAHEAD[k] / shared.control_period, ahead)
+        seen[15 + 3 * k : 18 + 3 * k] = ahead[0] - env.reference[0]
+    seen[24:27] = env.error_integral
     for i in range(N_JOINTS):
-        seen[27 + i] = lane.tau[i] / shared.limits[0, i]
-    seen[30:33] = lane.waypoints[lane.leg]
-    seen[33] = max(0.0, (lane.due[lane.leg] - lane.step) * shared.control_period)
-    seen[34] = (shared.horizon_steps - lane.step) * shared.control_period
-    finish_observation(lane, shared)
+        seen[27 + i] = env.tau[i] / shared.limits[0, i]
+    seen[30:33] = env.waypoints[env.leg]
+    seen[33] = max(0.0, (env.due[env.leg] - env.step) * shared.control_period)
+    seen[34] = (shared.horizon_steps - env.step) * shared.control_period
+    finish_observation(env, shared)

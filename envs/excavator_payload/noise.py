@@ -1,4 +1,4 @@
-"""Measurement noise that is fixed by a seed and a step: no state, no table, the same bits in every lane and thread."""
+"""Measurement noise fixed by a seed and a step: no state, the same bits in every environment and thread."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from envs.excavator_payload.world import N_JOINTS
 from envs.physics.world import Records
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
-from planners.excavator.newton_euler import torque_lane
+from planners.excavator.newton_euler import torque_single
 from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
 from planners.typing import Array
 
@@ -51,12 +51,12 @@ LONGEST_HORIZON = 60.0
 """Of an episode, s."""
 MOST_WAYPOINTS = math.ceil((LONGEST_HORIZON + max(LOOKAHEAD)) / LEAST_TIME) + 2
 
-LANE_FIELDS: list[tuple[Any, ...]] = [
+ENV_FIELDS: list[tuple[Any, ...]] = [
     ("waypoints", "f8", (MOST_WAYPOINTS, N_JOINTS)),
     ("due", "i8", (MOST_WAYPOINTS,)),
     ("n_waypoints", "i8"),
 ]
-"""What a lane's record holds of its reference: where, and after how many control periods."""
+"""What an environment's record holds of its reference: where, and after how many control periods."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("chain_frames", "f8", (N_JOINTS, 4)),
@@ -88,7 +88,7 @@ class Waypoints(NamedTuple):
     due: NDArray[np.int64]
 
     def write(self, record: Any) -> None:
-        """Make them the reference of a lane's record."""
+        """Make them the reference of an environment's record."""
         count = len(self.due)
         record["waypoints"][:count], record["due"][:count], record["n_waypoints"] = self.angles, self.due, count
 
@@ -152,10 +152,10 @@ def _whole_durations(times: Sequence[float], ways: int, period: float) -> list[i
 
 
 @njit(cache=True, nogil=True)
-def draw_reference(lanes: Any, model: Any, index: int, numbers: Array) -> None:
-    """Draw the waypoints of one lane from uniform ``numbers``, of `numbers_needed`."""
-    lane, shared = lanes[index], model[0]
-    waypoints, due = lane.waypoints, lane.due
+def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
+    """Draw the waypoints of one environment from uniform ``numbers``, of `numbers_needed`."""
+    env, shared = batch[index], model[0]
+    waypoints, due = env.waypoints, env.due
     wanted = shared.horizon_steps + LOOKAHEAD[2] / shared.control_period
     waypoints[0] = LOWEST + numbers[0, :N_JOINTS] * (HIGHEST - LOWEST)
     due[0] = 0
@@ -175,7 +175,7 @@ def draw_reference(lanes: Any, model: Any, index: int, numbers: Array) -> None:
                 break
         due[count] = due[count - 1] + steps
         count += 1
-    lane.n_waypoints = count
+    env.n_waypoints = count
 
 
 @njit(cache=True, nogil=True)
@@ -196,7 +196,7 @@ def examine_way(model: Any, start: Array, end: Array, duration: float) -> tuple[
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):
         follow_way(start, end, sample / _SAMPLES, duration, motion)
-        torque_lane(chain, model.heaviest, motion[0], motion[1], motion[1], motion[2], tau)
+        torque_single(chain, model.heaviest, motion[0], motion[1], motion[1], motion[2], tau)
         for i in range(n):
             torque = max(torque, abs(tau[i]) / model.limits[0, i])
             speed = max(speed, abs(motion[1, i]) / model.limits[1, i])
@@ -204,14 +204,14 @@ def examine_way(model: Any, start: Array, end: Array, duration: float) -> tuple[
 
 
 @njit(cache=True, nogil=True)
-def reference_at(lane: Any, model: Any, step: float, motion: Array) -> None:
+def reference_at(env: Any, model: Any, step: float, motion: Array) -> None:
     """Reference after ``step`` control periods, written to ``motion`` ``(3, n)``: angle, velocity, acceleration."""
-    due, leg, last = lane.due, 1, lane.n_waypoints - 1
+    due, leg, last = env.due, 1, env.n_waypoints - 1
     while leg < last and step >= due[leg]:
         leg += 1
     steps = due[leg] - due[leg - 1]
     share = min(1.0, (step - due[leg - 1]) / steps)
-    follow_way(lane.waypoints[leg - 1], lane.waypoints[leg], share, steps * model.control_period, motion)
+    follow_way(env.waypoints[leg - 1], env.waypoints[leg], share, steps * model.control_period, motion)
 
 
 @njit(cache=True, nogil=True)

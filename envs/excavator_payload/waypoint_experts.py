@@ -26,13 +26,13 @@ LEAST_SPEED = 0.05
 
 @dataclass(frozen=True)
 class _Plans:
-    """Each lane's plan to the next waypoint, sampled at the control periods.
+    """Each environment's plan to the next waypoint, sampled at the control periods.
 
     Attributes:
-        q, qd: ``(lanes, samples, n)``.
-        last: last sample that is planned, ``(lanes,)``; -1 where the environment's reference is followed.
-        now: sample of the next observation, ``(lanes,)``.
-        due: when the waypoint was due at the last observation, ``(lanes,)``, s.
+        q, qd: ``(num_envs, samples, n)``.
+        last: last sample that is planned, ``(num_envs,)``; -1 where the environment's reference is followed.
+        now: sample of the next observation, ``(num_envs,)``.
+        due: when the waypoint was due at the last observation, ``(num_envs,)``, s.
     """
 
     q: Array
@@ -65,18 +65,18 @@ class PlannedWayExpert(PayloadExpert):
         anew = begins | (due > plans.due)
         if anew.any():
             plans = self._replanned(observations, seen, plans, anew)
-        lanes = np.arange(len(observations))
+        batch = np.arange(len(observations))
         here, next_ = (np.clip(plans.now + step, 0, np.maximum(plans.last, 0)) for step in (0, 1))
-        qd = plans.qd[lanes, here]
-        qdd = (plans.qd[lanes, next_] - qd) / self.task.config.control_period
-        own, follows = (plans.q[lanes, here], qd, qdd), (plans.last < 0)[:, None]
+        qd = plans.qd[batch, here]
+        qdd = (plans.qd[batch, next_] - qd) / self.task.config.control_period
+        own, follows = (plans.q[batch, here], qd, qdd), (plans.last < 0)[:, None]
         reference = tuple(np.where(follows, g, o) for g, o in zip(given_reference(seen), own, strict=True))
         return cast(Reference, reference), replace(plans, now=plans.now + 1, due=due)
 
-    def _none_yet(self, lanes: int) -> _Plans:
-        samples = np.zeros((lanes, self.task.horizon_steps + 1, self.task.arm.n_joints))
-        zero = np.zeros(lanes, dtype=np.int64)
-        return _Plans(samples, samples, zero - 1, zero, np.full(lanes, np.inf))
+    def _none_yet(self, batch: int) -> _Plans:
+        samples = np.zeros((batch, self.task.horizon_steps + 1, self.task.arm.n_joints))
+        zero = np.zeros(batch, dtype=np.int64)
+        return _Plans(samples, samples, zero - 1, zero, np.full(batch, np.inf))
 
     def _replanned(
         self, observations: Observation, seen: dict[str, Array], old: _Plans, anew: NDArray[np.bool_]
@@ -85,12 +85,14 @@ class PlannedWayExpert(PayloadExpert):
             old, q=old.q.copy(), qd=old.qd.copy(), last=np.where(anew, -1, old.last), now=np.where(anew, 0, old.now)
         )
         period, (start, _, _) = self.task.config.control_period, given_reference(seen)
-        for lane in np.flatnonzero(anew):
-            plan = self._plan(self._planner, _from_rest(self.task.motion_problem(observations[lane]), start[lane]))
+        for env_index in np.flatnonzero(anew):
+            plan = self._plan(
+                self._planner, _from_rest(self.task.motion_problem(observations[env_index]), start[env_index])
+            )
             if plan is not None:
                 last = min(int(np.ceil(plan.duration / period - 1e-9)), self.task.horizon_steps)
-                new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
-                new.last[lane] = last
+                new.q[env_index, : last + 1], new.qd[env_index, : last + 1], _ = plan.at(period * np.arange(last + 1))
+                new.last[env_index] = last
         return new
 
 

@@ -21,7 +21,7 @@ from planners.excavator.plane import JOINTS, planar_bodies
 
 N_JOINTS = 3
 
-LANE_FIELDS: list[tuple[Any, ...]] = [
+ENV_FIELDS: list[tuple[Any, ...]] = [
     ("load", "f8"),
     ("load_inertia", "f8"),
     ("load_offset", "f8", (2,)),
@@ -29,7 +29,7 @@ LANE_FIELDS: list[tuple[Any, ...]] = [
     ("bucket_com", "f8", (2,)),
     ("drive_torque", "f8", (N_JOINTS,)),
 ]
-"""What a lane's record holds for the physics: its load (mass, inertia, offset of its centre) and its drives."""
+"""What an environment's record holds for the physics: its load (mass, inertia, offset of its centre) and its drives."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("body_masses", "f8", (N_JOINTS,)),
@@ -56,93 +56,93 @@ def fill_machine(model: Records, lag: float, machine: Excavator = EXCAVATOR) -> 
 
 
 @njit(cache=True, nogil=True)
-def place_links(lane: Any, model: Any) -> None:
-    """Put the bodies of one lane, load included, where ``lane.q`` and ``lane.qd`` say, with joints without a memory."""
-    n = lane.q.shape[0]
+def place_links(env: Any, model: Any) -> None:
+    """Place the bodies of an environment, payload included, at ``env.q`` and ``env.qd``, with fresh joints."""
+    n = env.q.shape[0]
     for i in range(n - 1):
-        chipmunk.body_set_mass(lane.links[i], model.body_masses[i])
-        chipmunk.body_set_moment(lane.links[i], model.body_inertias[i])
-        chipmunk.body_set_center_of_gravity(lane.links[i], model.body_coms[i, 0], model.body_coms[i, 1])
-    _weigh_bucket(lane, model)
+        chipmunk.body_set_mass(env.links[i], model.body_masses[i])
+        chipmunk.body_set_moment(env.links[i], model.body_inertias[i])
+        chipmunk.body_set_center_of_gravity(env.links[i], model.body_coms[i, 0], model.body_coms[i, 1])
+    _weigh_bucket(env, model)
     phi = w = vx = vy = 0.0
     x, y = model.base[0], model.base[1]
     for i in range(n):
-        phi += lane.q[i]
-        w += lane.qd[i]
+        phi += env.q[i]
+        w += env.qd[i]
         com_x, com_y = model.body_coms[i, 0], model.body_coms[i, 1]
         if i == n - 1:
-            com_x, com_y = lane.bucket_com[0], lane.bucket_com[1]
+            com_x, com_y = env.bucket_com[0], env.bucket_com[1]
         length = model.lengths[i]
         earlier = phi - w * model.position_lag
         cos_now, sin_now = math.cos(phi), math.sin(phi)
-        chipmunk.body_set_angle(lane.links[i], earlier)
-        chipmunk.body_set_angular_velocity(lane.links[i], w)
-        chipmunk.body_set_position(lane.links[i], x, y)
+        chipmunk.body_set_angle(env.links[i], earlier)
+        chipmunk.body_set_angular_velocity(env.links[i], w)
+        chipmunk.body_set_position(env.links[i], x, y)
         along, across = com_x * cos_now - com_y * sin_now, com_x * sin_now + com_y * cos_now
-        chipmunk.body_set_velocity(lane.links[i], vx - w * across, vy + w * along)
+        chipmunk.body_set_velocity(env.links[i], vx - w * across, vy + w * along)
         x += length * math.cos(earlier)
         y += length * math.sin(earlier)
         vx -= length * w * sin_now
         vy += length * w * cos_now
-    remove_joints(lane)
+    remove_joints(env)
     for i in range(n):
-        renew_joint(lane, model, i, model.lengths[i - 1] if i > 0 else 0.0, 0.0)
+        renew_joint(env, model, i, model.lengths[i - 1] if i > 0 else 0.0, 0.0)
 
 
 @njit(cache=True, nogil=True)
-def change_load(lane: Any, model: Any) -> None:
-    """Let the bucket go on as it moves with another load, ``lane.load`` and ``lane.load_inertia``."""
-    bucket = lane.links[lane.q.shape[0] - 1]
+def change_load(env: Any, model: Any) -> None:
+    """Let the bucket go on as it moves with another load, ``environment.load`` and ``environment.load_inertia``."""
+    bucket = env.links[env.q.shape[0] - 1]
     x, y = chipmunk.body_get_position(bucket)
     vx, vy = chipmunk.body_get_velocity(bucket)
-    old_x, old_y = lane.bucket_com[0], lane.bucket_com[1]
-    _weigh_bucket(lane, model)
+    old_x, old_y = env.bucket_com[0], env.bucket_com[1]
+    _weigh_bucket(env, model)
     # The centre of mass has jumped: without these two lines the frame would instead, and the centre keep its velocity.
     chipmunk.body_set_position(bucket, x, y)
     phi, w = chipmunk.body_get_angle(bucket), chipmunk.body_get_angular_velocity(bucket)
     phi += w * model.position_lag
-    dx, dy = lane.bucket_com[0] - old_x, lane.bucket_com[1] - old_y
+    dx, dy = env.bucket_com[0] - old_x, env.bucket_com[1] - old_y
     along, across = dx * math.cos(phi) - dy * math.sin(phi), dx * math.sin(phi) + dy * math.cos(phi)
     chipmunk.body_set_velocity(bucket, vx - w * across, vy + w * along)
 
 
 @njit(cache=True, nogil=True)
-def _weigh_bucket(lane: Any, model: Any) -> None:
+def _weigh_bucket(env: Any, model: Any) -> None:
     """Make the last body bucket and load in one."""
-    last = lane.q.shape[0] - 1
-    mass = model.body_masses[last] + lane.load
-    inertia = model.body_inertias[last] + lane.load_inertia
+    last = env.q.shape[0] - 1
+    mass = model.body_masses[last] + env.load
+    inertia = model.body_inertias[last] + env.load_inertia
     apart = 0.0
     for axis in range(2):
-        load_com = model.load_com[axis] + lane.load_offset[axis]
+        load_com = model.load_com[axis] + env.load_offset[axis]
         bucket_com = model.body_coms[last, axis]
-        lane.bucket_com[axis] = (model.body_masses[last] * bucket_com + lane.load * load_com) / mass
+        env.bucket_com[axis] = (model.body_masses[last] * bucket_com + env.load * load_com) / mass
         apart += (load_com - bucket_com) ** 2
-    inertia += model.body_masses[last] * lane.load / mass * apart
-    chipmunk.body_set_mass(lane.links[last], mass)
-    chipmunk.body_set_moment(lane.links[last], inertia)
-    chipmunk.body_set_center_of_gravity(lane.links[last], lane.bucket_com[0], lane.bucket_com[1])
+    inertia += model.body_masses[last] * env.load / mass * apart
+    chipmunk.body_set_mass(env.links[last], mass)
+    chipmunk.body_set_moment(env.links[last], inertia)
+    chipmunk.body_set_center_of_gravity(env.links[last], env.bucket_com[0], env.bucket_com[1])
 
 
 @njit(cache=True, nogil=True)
-def advance_links(lane: Any, model: Any) -> None:
-    """Advance one lane by one control period under the commanded torques ``lane.tau``; updates q and qd.
+def advance_links(env: Any, model: Any) -> None:
+    """Advance one environment by one control period under the commanded torques ``environment.tau``; updates q and qd.
 
     The drives follow the command with their lag; the friction of the joints is taken off in every physics step.
     """
-    n = lane.q.shape[0]
+    n = env.q.shape[0]
     net = np.empty(n)
     for _ in range(model.substeps):
         inner_speed = 0.0
         for i in range(n):
-            speed = chipmunk.body_get_angular_velocity(lane.links[i])
-            short = lane.drive_torque[i] - lane.tau[i]
-            lane.drive_torque[i] = lane.tau[i] + model.lag_left * short
-            friction = lane.friction_scale * model.friction[i] * (speed - inner_speed)
-            net[i] = lane.tau[i] + model.lag_mean * short - friction
+            speed = chipmunk.body_get_angular_velocity(env.links[i])
+            short = env.drive_torque[i] - env.tau[i]
+            env.drive_torque[i] = env.tau[i] + model.lag_left * short
+            friction = env.friction_scale * model.friction[i] * (speed - inner_speed)
+            net[i] = env.tau[i] + model.lag_mean * short - friction
             inner_speed = speed
-        step_physics(lane, model, net)
-    read_joint_state(lane, model)
+        step_physics(env, model, net)
+    read_joint_state(env, model)
 
 
 @njit(cache=True, nogil=True)

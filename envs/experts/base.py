@@ -60,7 +60,7 @@ class Expert(ABC):
 
     @property
     def mass_estimate(self) -> Array | None:
-        """What it takes the payloads to weigh after the last call, ``(lanes,)``, kg; None if it does not weigh them."""
+        """Estimated payloads after the last call, ``(num_envs,)``, kg; None without estimation."""
         return self._memory.mass_estimate if isinstance(self._memory, Knowledge) else None
 
     def predict(
@@ -73,14 +73,14 @@ class Expert(ABC):
         """Actions for observations.
 
         Args:
-            observation: ``(size,)`` or ``(lanes, size)``.
+            observation: ``(size,)`` or ``(num_envs, size)``.
             state: what the last call returned; None to go on from this expert's own last call.
-            episode_start: ``(lanes,)``, which lanes are at the first step of an episode; may be left out, because the
-                observation tells the time.
+            episode_start: ``(num_envs,)``, which environments are at the first step of an episode; may be left out,
+                because the observation tells the time.
             deterministic: accepted for compatibility; experts are deterministic unless their name says otherwise.
 
         Returns:
-            Actions in [-1, 1], ``(n,)`` or ``(lanes, n)``, and the state for the next call.
+            Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and the state for the next call.
 
         Raises:
             ValueError: if the observation has the wrong size.
@@ -104,16 +104,16 @@ class Expert(ABC):
 
     @abstractmethod
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
-        """Unclipped actions ``(lanes, n)`` and the next state."""
+        """Unclipped actions ``(num_envs, n)`` and the next state."""
 
     def _begins(self, seen: dict[str, Array]) -> NDArray[np.bool_]:
-        """Lanes at the first step of an episode, ``(lanes,)``, by the time that is left."""
+        """Environments at the first step of an episode, ``(num_envs,)``, by the time that is left."""
         config = self.task.config
         begins: NDArray[np.bool_] = seen["time_left"][:, 0] > config.horizon - 0.5 * config.control_period
         return begins
 
     def _action_for(self, seen: dict[str, Array], qdd: Array) -> Array:
-        """The action, in the environment's control mode, that gives mean joint accelerations ``(lanes, n)``."""
+        """The action, in the environment's control mode, that gives mean joint accelerations ``(num_envs, n)``."""
         config = self.task.config
         if config.control_mode == "acceleration":
             wanted = qdd
@@ -124,8 +124,8 @@ class Expert(ABC):
         else:
             q, qd = seen["joint_position"], seen["joint_velocity"]
             wanted = np.empty_like(qdd)
-            for arm, lanes in self._arms():
-                wanted[lanes] = held_torque(arm, q[lanes], qd[lanes], qdd[lanes], config.control_period)
+            for arm, batch in self._arms():
+                wanted[batch] = held_torque(arm, q[batch], qd[batch], qdd[batch], config.control_period)
         return wanted / self._scale
 
     def _plan(self, planner: Planner, problem: MotionProblem) -> Trajectory | None:
@@ -141,15 +141,15 @@ class Expert(ABC):
             self.planning_seconds += time.perf_counter() - began
 
     def _within_torque(self, seen: dict[str, Array], qdd: Array) -> Array:
-        """Accelerations ``(lanes, n)`` scaled down, lane by lane, until their torques fit the limits."""
+        """Accelerations ``(num_envs, n)``, each row scaled down until its torques fit the limits."""
         q, qd, fitting = seen["joint_position"], seen["joint_velocity"], np.empty_like(qdd)
-        for arm, lanes in self._arms():
-            state = q[lanes], qd[lanes], qdd[lanes]
-            fitting[lanes] = within_torque(arm, *state, self.task.config.control_period)
+        for arm, batch in self._arms():
+            state = q[batch], qd[batch], qdd[batch]
+            fitting[batch] = within_torque(arm, *state, self.task.config.control_period)
         return fitting
 
     def _arms(self) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
-        """The arms, with what they are taken to hold, each with its lanes."""
+        """The arms, with what they are taken to hold, each with its environments."""
         return loaded_arms(self.task.arm, self._payload)
 
 

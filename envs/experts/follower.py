@@ -45,7 +45,7 @@ class FollowerExpert(Expert):
         return self._action_for(seen, self._within_torque(seen, qdd / np.maximum(1.0, excess))), ()
 
     def _centripetal(self, q: Array, qd: Array) -> Array:
-        """Acceleration of the hand at constant joint velocities, ``(lanes, 2)``, m/s^2."""
+        """Acceleration of the hand at constant joint velocities, ``(num_envs, 2)``, m/s^2."""
         phi, w = np.cumsum(q, axis=1), np.cumsum(qd, axis=1)
         pull = self.task.arm.length_array * w**2
         return -np.stack([(pull * np.cos(phi)).sum(axis=1), (pull * np.sin(phi)).sum(axis=1)], axis=1)

@@ -27,8 +27,8 @@ class Knowledge:
     Attributes:
         expert: what it would remember anyway.
         weighing: what is known of the payloads.
-        tau: torques of the last action, ``(lanes, n)``, N m.
-        due: control periods that the next observation should leave, ``(lanes,)``.
+        tau: torques of the last action, ``(num_envs, n)``, N m.
+        due: control periods that the next observation should leave, ``(num_envs,)``.
     """
 
     expert: Any
@@ -38,11 +38,11 @@ class Knowledge:
 
     @property
     def mass_estimate(self) -> Array:
-        """What the payloads are taken to weigh, ``(lanes,)``, kg: to the gram, so that lanes can share an arm."""
+        """Estimated payloads, ``(num_envs,)``, kg: to the gram, so that environments can share an arm."""
         return np.round(self.weighing.mass, _GRAMS)
 
     def having_held(self, tau: Array, expert: Any) -> Knowledge:
-        """The same after an action: its torques ``(lanes, n)``, N m, and what the expert remembers now."""
+        """The same after an action: its torques ``(num_envs, n)``, N m, and what the expert remembers now."""
         return replace(self, expert=expert, tau=tau, due=self.due - 1)
 
 
@@ -81,23 +81,23 @@ class PayloadAdaptation:
         """What is known with these observations.
 
         Args:
-            observations: ``(lanes, size)``.
+            observations: ``(num_envs, size)``.
             before: what was known after the last action, if any.
-            starts: lanes in which an episode begins, ``(lanes,)``. It does, too, where an observation does not
-                continue the remembered episode.
+            starts: environments in which an episode begins, ``(num_envs,)``. It does, too, where an observation does
+                not continue the remembered episode.
         """
         seen = self._task.layout.parse(observations)
         left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
-        lanes, n = seen["joint_position"].shape
-        if before is None or len(before.due) != lanes:
-            return Knowledge(None, Weighing.nothing(lanes, n), np.zeros((lanes, n)), left)
+        batch, n = seen["joint_position"].shape
+        if before is None or len(before.due) != batch:
+            return Knowledge(None, Weighing.nothing(batch, n), np.zeros((batch, n)), left)
         state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
         weighing = self._scale.weigh(before.weighing, *state, before.tau).restarted(starts | (before.due != left))
         return Knowledge(before.expert, weighing, before.tau, left)
 
 
 def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
-    """Each arm that there is among lanes with these payloads, ``(lanes,)``, kg, with its lanes."""
+    """Each arm that there is among environments with these payloads, ``(num_envs,)``, kg, with its environments."""
     if np.all(payload == payload[0]):
         yield _loaded(arm, float(payload[0])), slice(None)
         return

@@ -20,15 +20,15 @@ PAYLOAD_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class _Tracking:
-    """What a planning expert remembers: each lane's sampled plan, and how far along it is.
+    """What a planning expert remembers: each environment's sampled plan, and how far along it is.
 
     Attributes:
-        q, qd: plans sampled at the control periods, ``(lanes, samples, n)``.
-        begun: control periods that were left when the plan was made, ``(lanes,)``.
-        last: last sample that is planned, ``(lanes,)``; 0 where there is no plan.
-        posed: observations that posed what was planned, ``(lanes, size)``.
-        payload: what was taken for the payloads then, ``(lanes,)``, kg.
-        due: control periods that the next observation should leave, ``(lanes,)``.
+        q, qd: plans sampled at the control periods, ``(num_envs, samples, n)``.
+        begun: control periods that were left when the plan was made, ``(num_envs,)``.
+        last: last sample that is planned, ``(num_envs,)``; 0 where there is no plan.
+        posed: observations that posed what was planned, ``(num_envs, size)``.
+        payload: what was taken for the payloads then, ``(num_envs,)``, kg.
+        due: control periods that the next observation should leave, ``(num_envs,)``.
     """
 
     q: Array
@@ -43,7 +43,8 @@ class _Tracking:
 class PlanningExpert(Expert):
     """Plans at the start of an episode, and again from time to time if asked to; tracks the plan by computed torque.
 
-    Where an observation does not continue the remembered episode, the lane is planned anew from there. A lane without
+    Where an observation does not continue the remembered episode, the environment is planned anew from there. An
+    environment without
     a plan (the problem has no solution), or past the end of its plan, brakes within its limits. An expert that
     weighs the payload plans anew as soon as a plan was made for another.
 
@@ -81,13 +82,13 @@ class PlanningExpert(Expert):
             again = misjudged & ~planned
             if again.any():
                 tracking, _ = self._replanned(tracking, posed, begun, again)
-        lanes, sample = np.arange(len(observations)), tracking.begun - left
+        batch, sample = np.arange(len(observations)), tracking.begun - left
         now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
         qdd = tracking_acceleration(
             seen["joint_position"],
             seen["joint_velocity"],
-            (tracking.q[lanes, now], tracking.qd[lanes, now]),
-            (tracking.q[lanes, ahead], tracking.qd[lanes, ahead]),
+            (tracking.q[batch, now], tracking.qd[batch, now]),
+            (tracking.q[batch, ahead], tracking.qd[batch, ahead]),
             self.task.config.control_period,
             self._gains,
         )
@@ -96,16 +97,16 @@ class PlanningExpert(Expert):
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
         return self._action_for(seen, qdd), replace(tracking, due=left - 1)
 
-    def _nothing(self, n_lanes: int) -> _Tracking:
-        samples = (n_lanes, self.task.horizon_steps + 1, self.task.arm.n_joints)
-        zero = np.zeros(n_lanes, dtype=np.int64)
-        posed = np.zeros((n_lanes, self.task.layout.size), dtype=np.float32)
-        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, posed, np.zeros(n_lanes), zero - 1)
+    def _nothing(self, num_envs: int) -> _Tracking:
+        samples = (num_envs, self.task.horizon_steps + 1, self.task.arm.n_joints)
+        zero = np.zeros(num_envs, dtype=np.int64)
+        posed = np.zeros((num_envs, self.task.layout.size), dtype=np.float32)
+        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, posed, np.zeros(num_envs), zero - 1)
 
     def _replanned(
         self, old: _Tracking, observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
     ) -> tuple[_Tracking, NDArray[np.bool_]]:
-        """Some lanes planned anew, from observations with so many periods left; and which of them have a new plan.
+        """Replan some environments from observations with so many periods left; say which have a new plan.
 
         The others keep what they have.
         """
@@ -120,14 +121,18 @@ class PlanningExpert(Expert):
         )
         planned = np.zeros_like(anew)
         period = self.task.config.control_period
-        for lane in np.flatnonzero(anew):
-            problem = self.task.motion_problem(observations[lane])
-            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[lane])))
+        for env_index in np.flatnonzero(anew):
+            problem = self.task.motion_problem(observations[env_index])
+            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[env_index])))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
-                new.q[lane, : last + 1], new.qd[lane, : last + 1], _ = plan.at(period * np.arange(last + 1))
-                new.begun[lane], new.last[lane], new.posed[lane] = left[lane], last, observations[lane]
-                planned[lane] = True
+                new.q[env_index, : last + 1], new.qd[env_index, : last + 1], _ = plan.at(period * np.arange(last + 1))
+                new.begun[env_index], new.last[env_index], new.posed[env_index] = (
+                    left[env_index],
+                    last,
+                    observations[env_index],
+                )
+                planned[env_index] = True
         return new, planned
 
     def _braking(self, seen: dict[str, Array]) -> Array:
@@ -145,12 +150,12 @@ class PlanningExpert(Expert):
 
 
 def _forgotten(
-    old: _Tracking, observations: Observation, left: NDArray[np.int64], lanes: NDArray[np.bool_]
+    old: _Tracking, observations: Observation, left: NDArray[np.int64], batch: NDArray[np.bool_]
 ) -> _Tracking:
-    """The same without the plans of some lanes, which begin with these observations."""
+    """The same without the plans of some environments, which begin with these observations."""
     return replace(
         old,
-        begun=np.where(lanes, left, old.begun),
-        last=np.where(lanes, 0, old.last),
-        posed=np.where(lanes[:, None], observations, old.posed),
+        begun=np.where(batch, left, old.begun),
+        last=np.where(batch, 0, old.last),
+        posed=np.where(batch[:, None], observations, old.posed),
     )

@@ -31,9 +31,9 @@ class MovingTargetExpert(Expert):
             self.task.hand_goal(seen),
             np.empty_like(asked),
         )
-        for arm, lanes in self._arms():
-            target = goal[0][lanes], goal[1][lanes], goal[2][lanes]
-            qdd[lanes] = approach(arm, q[lanes], qd[lanes], asked[lanes], target, self.task.config.control_period)
+        for arm, batch in self._arms():
+            target = goal[0][batch], goal[1][batch], goal[2][batch]
+            qdd[batch] = approach(arm, q[batch], qd[batch], asked[batch], target, self.task.config.control_period)
         return self._action_for(seen, qdd), qdd
 
 
@@ -44,8 +44,8 @@ class JointFieldExpert(Expert):
         seen = self.task.layout.parse(observations)
         q, qd, goal, left = (seen[name] for name in ("joint_position", "joint_velocity", "goal", "time_left"))
         qdd, period = np.empty_like(q), self.task.config.control_period
-        for arm, lanes in self._arms():
-            qdd[lanes] = reach(arm, q[lanes], qd[lanes], goal[lanes], left[lanes, 0], period)
+        for arm, batch in self._arms():
+            qdd[batch] = reach(arm, q[batch], qd[batch], goal[batch], left[batch, 0], period)
         return self._action_for(seen, qdd), ()
 
 
@@ -64,12 +64,12 @@ class DodgingExpert(Expert):
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
         seen = self.task.layout.parse(observations)
-        lanes, discs = seen["obstacle_radius"].shape
-        memory = new_memory(lanes, discs) if state is None or len(state) != lanes else state.copy()
+        batch, discs = seen["obstacle_radius"].shape
+        memory = new_memory(batch, discs) if state is None or len(state) != batch else state.copy()
         memory[starts | self._begins(seen)] = np.zeros(1, memory.dtype)
         q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
-        places = seen["obstacle"].reshape(lanes, discs, 2) + base
-        rates = seen["obstacle_velocity"].reshape(lanes, discs, 2)
+        places = seen["obstacle"].reshape(batch, discs, 2) + base
+        rates = seen["obstacle_velocity"].reshape(batch, discs, 2)
         qdd = np.empty_like(q)
         for arm, chosen in self._arms():
             part = memory[chosen]

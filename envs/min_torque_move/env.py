@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
-from envs.min_torque_move.kernels import LANE_FIELDS, MODEL_FIELDS, SHAPE_SCALE, advance_lanes, reset_lane
+from envs.min_torque_move.kernels import ENV_FIELDS, MODEL_FIELDS, SHAPE_SCALE, advance_batch, reset_env
 from envs.min_torque_move.moves import Move, random_move
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
@@ -87,16 +87,16 @@ LAYOUT = Layout(
 
 
 class MinTorqueMove(Task):
-    """The minimal-torque move over a batch of lanes; `MinTorqueMoveEnv` documents it."""
+    """The minimal-torque move over a batch of environments; `MinTorqueMoveEnv` documents it."""
 
     env_id: ClassVar[str] = "MinTorqueMove-v0"
     layout = LAYOUT
     reward_terms: ClassVar[tuple[str, ...]] = ("effort", "goal", "limits")
     config: MinTorqueMoveConfig
 
-    def __init__(self, config: MinTorqueMoveConfig, n_lanes: int) -> None:
+    def __init__(self, config: MinTorqueMoveConfig, num_envs: int) -> None:
         arm = replace(PLANAR_3R, gravity=config.gravity)
-        super().__init__(config, arm, n_lanes, extra_lane=LANE_FIELDS, extra_model=MODEL_FIELDS)
+        super().__init__(config, arm, num_envs, extra_env=ENV_FIELDS, extra_model=MODEL_FIELDS)
         gains = Gains.sampled(config.control_period)
         self.model["position_gain"], self.model["velocity_gain"] = gains.position, gains.velocity
         self.model["whole_motion"] = config.control_mode == "motion"
@@ -113,36 +113,38 @@ class MinTorqueMove(Task):
         return "torque"
 
     @classmethod
-    def make(cls, config: Mapping[str, Any], n_lanes: int) -> MinTorqueMove:
+    def make(cls, config: Mapping[str, Any], num_envs: int) -> MinTorqueMove:
         """The task from settings by name; unknown names are refused."""
-        return cls(MinTorqueMoveConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+        return cls(MinTorqueMoveConfig.parse(config, f"{cls.env_id} setting"), num_envs)
 
-    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
-        """Begin an episode in some lanes; see `MinTorqueMoveOptions`.
+    def reset_envs(
+        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
+    ) -> None:
+        """Begin an episode in some environments; see `MinTorqueMoveOptions`.
 
         Raises:
             ValueError: for unknown options, or a move that cannot be made; nothing has changed then.
         """
         chosen = MinTorqueMoveOptions.parse(options, f"{self.env_id} option")
         moves = [self._move(generator, chosen) for generator in generators]
-        for lane, move in zip(lanes, moves, strict=True):
-            record = self.lanes[lane]
+        for env_index, move in zip(env_indices, moves, strict=True):
+            record = self.batch[env_index]
             record["q"], record["goal"] = move.start, move.goal
             record["duration_steps"] = round(move.duration / self.config.control_period)
-            reset_lane(self.lanes, self.model, lane)
+            reset_env(self.batch, self.model, env_index)
 
     def advance_slice(self, first: int, last: int) -> None:
-        """Advance lanes ``first`` to ``last - 1`` by one control period."""
-        advance_lanes(self.lanes, self.model, first, last)
+        """Advance environments ``first`` to ``last - 1`` by one control period."""
+        advance_batch(self.batch, self.model, first, last)
 
-    def episode_info(self, lane: int) -> dict[str, Any]:
-        """Torque spent, its ratio to the quintic's, errors at the end and limit ratios of a lane's episode."""
-        record = self.lanes[lane]
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """Torque spent, its ratio to the quintic's, errors at the end and limit ratios of an environment's episode."""
+        record = self.batch[env_index]
         names = ("torque_l1", "torque_l2", "angle_error", "velocity_error", "peak_torque")
         return {
             **{name: float(record[name]) for name in names},
             "quintic_ratio": float(record["torque_l1"] / record["quintic_l1"]),
-            **self.limit_info(lane),
+            **self.limit_info(env_index),
         }
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
@@ -162,9 +164,9 @@ class MinTorqueMove(Task):
         """Stretch of the plane a frame shows, m."""
         return (-0.95, 0.95, -0.9, 0.9)
 
-    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this lane shows."""
-        record = self.lanes[lane]
+    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this environment shows."""
+        record = self.batch[env_index]
         period = self.config.control_period
         angle, velocity = float(record["angle_error"]), float(record["velocity_error"])
         ratio = float(record["torque_l1"] / record["quintic_l1"])
@@ -181,7 +183,7 @@ class MinTorqueMove(Task):
                 ("velocity", f"{velocity:.3f} rad/s", velocity <= self.config.velocity_tolerance),
                 ("torque / quintic's", f"{100.0 * ratio:.0f} %", ratio <= 1.0),
             ),
-            limit_gauges=(("joint range", self.limit_info(lane)["limit_ratios"]["angle"]),),
+            limit_gauges=(("joint range", self.limit_info(env_index)["limit_ratios"]["angle"]),),
             settled=bool(record["success"]),
         )
 
@@ -285,6 +287,6 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
 
 class MinTorqueMoveVectorEnv(PlanarArmVectorEnv):
-    """MinTorqueMove-v0 over a batch of lanes; `MinTorqueMoveEnv` documents the task."""
+    """MinTorqueMove-v0 over a batch of environments; `MinTorqueMoveEnv` documents the task."""
 
     task_type = MinTorqueMove

@@ -1,4 +1,4 @@
-"""The compiled kernels of MinTorqueMove: how a lane begins, advances, is scored and observed."""
+"""The compiled kernels of MinTorqueMove: how an environment begins, advances, is scored and observed."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numba import njit
 
 from envs.physics.actuation import apply_action
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
-from planners.control import held_torque_lane
-from planners.motion.rest_curve import SHAPES, rest_curve_lane
+from planners.control import held_torque_single
+from planners.motion.rest_curve import SHAPES, rest_curve_single
 from planners.quintic import quintic_effort
 from planners.typing import Array
 
@@ -22,7 +22,7 @@ SHAPE_SCALE = 5.0
 """What an action of 1 stands for where actions are coefficients of a motion, rad; of polynomial k, divided by k + 1,
 because the higher it is, the more torque it takes."""
 
-LANE_FIELDS: list[tuple[Any, ...]] = [
+ENV_FIELDS: list[tuple[Any, ...]] = [
     ("start", "f8", (3,)),
     ("goal", "f8", (3,)),
     ("shape", "f8", (3, SHAPES)),
@@ -34,7 +34,7 @@ LANE_FIELDS: list[tuple[Any, ...]] = [
     ("angle_error", "f8"),
     ("velocity_error", "f8"),
 ]
-"""What a lane's record holds for this task, beside what every task has."""
+"""What an environment's record holds for this task, beside what every task has."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("whole_motion", "?"),
@@ -50,62 +50,62 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
 
 
 @njit(cache=True, nogil=True)
-def reset_lane(lanes: Any, model: Any, index: int) -> None:
-    """Begin an episode in one lane whose posture, goal and duration are already set."""
-    lane, shared = lanes[index], model[0]
-    begin_episode(lane, shared)
-    lane.start[:] = lane.q
-    lane.torque_l1 = lane.torque_l2 = 0.0
-    duration = lane.duration_steps * shared.control_period
-    lane.quintic_l1 = quintic_effort(shared.coupling, shared.weight, lane.q, lane.goal, duration, lane.quintic_peak)
-    _measure_errors(lane)
-    _observe(lane, shared)
+def reset_env(batch: Any, model: Any, index: int) -> None:
+    """Begin an episode in one environment whose posture, goal and duration are already set."""
+    env, shared = batch[index], model[0]
+    begin_episode(env, shared)
+    env.start[:] = env.q
+    env.torque_l1 = env.torque_l2 = 0.0
+    duration = env.duration_steps * shared.control_period
+    env.quintic_l1 = quintic_effort(shared.coupling, shared.weight, env.q, env.goal, duration, env.quintic_peak)
+    _measure_errors(env)
+    _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
-    """Advance lanes ``first`` to ``last - 1`` by one control period under their ``action``."""
+def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
+    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
     shared = model[0]
     for index in range(first, last):
-        lane = lanes[index]
+        env = batch[index]
         if shared.whole_motion:
-            worst_ratio = apply_action(lane, shared, _follow_motion(lane, shared))
+            worst_ratio = apply_action(env, shared, _follow_motion(env, shared))
         else:
-            worst_ratio = apply_action(lane, shared, lane.action)
-        lane.step += 1
+            worst_ratio = apply_action(env, shared, env.action)
+        env.step += 1
         spent = 0.0
-        for torque in lane.tau:
+        for torque in env.tau:
             spent += abs(torque) * shared.control_period
-            lane.torque_l2 += torque * torque * shared.control_period
-        lane.torque_l1 += spent
-        _measure_errors(lane)
-        lane.terminated = lane.step >= lane.duration_steps
-        miss = max(lane.angle_error / shared.angle_tolerance, lane.velocity_error / shared.velocity_tolerance)
-        lane.success = lane.terminated and miss <= 1.0
-        lane.reward_terms[0] = -spent / lane.quintic_l1
-        lane.reward_terms[1] = 0.0 - shared.miss_penalty * _miss_cost(miss) if lane.terminated else 0.0
-        lane.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
-        sum_reward(lane)
-        _observe(lane, shared)
+            env.torque_l2 += torque * torque * shared.control_period
+        env.torque_l1 += spent
+        _measure_errors(env)
+        env.terminated = env.step >= env.duration_steps
+        miss = max(env.angle_error / shared.angle_tolerance, env.velocity_error / shared.velocity_tolerance)
+        env.success = env.terminated and miss <= 1.0
+        env.reward_terms[0] = -spent / env.quintic_l1
+        env.reward_terms[1] = 0.0 - shared.miss_penalty * _miss_cost(miss) if env.terminated else 0.0
+        env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
+        sum_reward(env)
+        _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def _follow_motion(lane: Any, shared: Any) -> Array:
+def _follow_motion(env: Any, shared: Any) -> Array:
     """Shares of the torque limits that follow the motion which the first action of the episode has chosen."""
-    n, period = lane.q.shape[0], shared.control_period
-    if lane.step == 0:
+    n, period = env.q.shape[0], shared.control_period
+    if env.step == 0:
         for i in range(n):
             for k in range(SHAPES):
-                lane.shape[i, k] = SHAPE_SCALE / (k + 1.0) * min(1.0, max(-1.0, lane.action[i * SHAPES + k]))
-    duration, now = lane.duration_steps * period, lane.step * period
+                env.shape[i, k] = SHAPE_SCALE / (k + 1.0) * min(1.0, max(-1.0, env.action[i * SHAPES + k]))
+    duration, now = env.duration_steps * period, env.step * period
     q, qd, q_ahead, qd_ahead = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    rest_curve_lane(lane.shape, lane.start, lane.goal, duration, now, q, qd)
-    rest_curve_lane(lane.shape, lane.start, lane.goal, duration, now + period, q_ahead, qd_ahead)
+    rest_curve_single(env.shape, env.start, env.goal, duration, now, q, qd)
+    rest_curve_single(env.shape, env.start, env.goal, duration, now + period, q_ahead, qd_ahead)
     qdd, torque = np.empty(n), np.empty(n)
     for i in range(n):
-        feedback = shared.position_gain * (q[i] - lane.q[i]) + shared.velocity_gain * (qd[i] - lane.qd[i])
+        feedback = shared.position_gain * (q[i] - env.q[i]) + shared.velocity_gain * (qd[i] - env.qd[i])
         qdd[i] = (qd_ahead[i] - qd[i]) / period + feedback
-    held_torque_lane(shared.coupling, shared.weight, lane.q, lane.qd, qdd, period, torque)
+    held_torque_single(shared.coupling, shared.weight, env.q, env.qd, qdd, period, torque)
     share: Array = torque / shared.limits[0]
     return share
 
@@ -117,25 +117,25 @@ def _miss_cost(miss: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _measure_errors(lane: Any) -> None:
+def _measure_errors(env: Any) -> None:
     """The largest error of any joint."""
-    lane.angle_error = lane.velocity_error = 0.0
-    for i in range(lane.q.shape[0]):
-        lane.angle_error = max(lane.angle_error, abs(lane.q[i] - lane.goal[i]))
-        lane.velocity_error = max(lane.velocity_error, abs(lane.qd[i]))
+    env.angle_error = env.velocity_error = 0.0
+    for i in range(env.q.shape[0]):
+        env.angle_error = max(env.angle_error, abs(env.q[i] - env.goal[i]))
+        env.velocity_error = max(env.velocity_error, abs(env.qd[i]))
 
 
 @njit(cache=True, nogil=True)
-def _observe(lane: Any, shared: Any) -> None:
+def _observe(env: Any, shared: Any) -> None:
     """Write the observation: the entries of the layout, in its order."""
-    seen = lane.seen
-    seen[0:3] = lane.q
-    seen[3:6] = lane.qd
-    seen[6:9] = lane.qdd
-    seen[9:12] = lane.goal
+    seen = env.seen
+    seen[0:3] = env.q
+    seen[3:6] = env.qd
+    seen[6:9] = env.qdd
+    seen[9:12] = env.goal
     for i in range(3):
-        seen[12 + i] = lane.goal[i] - lane.q[i]
+        seen[12 + i] = env.goal[i] - env.q[i]
         seen[15 + i] = shared.limits[0, i]
-    seen[18] = (lane.duration_steps - lane.step) * shared.control_period
-    seen[19] = lane.quintic_l1 / (lane.duration_steps * shared.control_period)
-    finish_observation(lane, shared)
+    seen[18] = (env.duration_steps - env.step) * shared.control_period
+    seen[19] = env.quintic_l1 / (env.duration_steps * shared.control_period)
+    finish_observation(env, shared)

@@ -49,14 +49,14 @@ class Bounds:
     lower_bound: list[float | None] = field(default_factory=list)
 
 
-def solve(env: Any, lane: int) -> spacetime.Answer:
-    """The earliest motion for the episode that a lane of a vector environment is at the start of."""
-    record, config, problem = env.task.lanes[lane], env.task.config, env.motion_problem(lane)
+def solve(env: Any, env_index: int) -> spacetime.Answer:
+    """The earliest motion for the episode that an environment of a vector environment is at the start of."""
+    record, config, problem = env.task.batch[env_index], env.task.config, env.motion_problem(env_index)
     return spacetime.search(
         problem.arm,
         record["q"],
         record["goal"],
-        env.task.obstacle_path(lane),
+        env.task.obstacle_path(env_index),
         PATH_STEP,
         record["radii"],
         limits=problem.limits,
@@ -82,14 +82,14 @@ def stored_bound(seeds: Sequence[int]) -> Array:
     return np.array([times[seed] if 0 <= seed < len(times) else math.nan for seed in seeds])
 
 
-def time_to_goal(env: Any, lane: int, seed: int) -> float:
-    """The bound of the episode that a lane is at the start of, s: stored if it is the seed's own, else searched for.
+def time_to_goal(env: Any, env_index: int, seed: int) -> float:
+    """The bound of an episode at its start, s: stored if it is the seed's own, else searched for.
 
     inf where no motion was found.
     """
     stored = float(stored_bound([seed])[0])
-    if math.isnan(stored) or not _is_standard(env.task.lanes[lane], seed):
-        return as_seen(solve(env, lane), env) or math.inf
+    if math.isnan(stored) or not _is_standard(env.task.batch[env_index], seed):
+        return as_seen(solve(env, env_index), env) or math.inf
     return stored
 
 
@@ -97,7 +97,7 @@ def _is_standard(record: Any, seed: int) -> bool:
     """Whether an episode is what the seed alone gives, without other settings or options."""
     standard: Any = _standard_env().unwrapped
     standard.reset(seed=seed)
-    own = standard.task.lanes[0]
+    own = standard.task.batch[0]
     names = ("q", "goal", "radii", "path")
     return all(own[name].shape == record[name].shape and (own[name] == record[name]).all() for name in names)
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
 from envs.observation import Entry, Layout, Observation
-from envs.obstacle_dodge.kernels import MODEL_FIELDS, advance_lanes, lane_fields, reset_lane
+from envs.obstacle_dodge.kernels import MODEL_FIELDS, advance_batch, env_fields, reset_env
 from envs.obstacle_dodge.paths import FARTHEST, FASTEST, NEAREST, PATH_STEP, SLOWEST, SPAWN_CLEARANCE
 from envs.obstacle_dodge.starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, ObstacleDodgeOptions
 from envs.rendering import Scene
@@ -76,17 +76,17 @@ def layout(discs: int) -> Layout:
 
 
 class ObstacleDodge(Task):
-    """The dodging task over a batch of lanes; `ObstacleDodgeEnv` documents it."""
+    """The dodging task over a batch of environments; `ObstacleDodgeEnv` documents it."""
 
     env_id: ClassVar[str] = "ObstacleDodge-v0"
     reward_terms: ClassVar[tuple[str, ...]] = ("progress", "goal", "clearance", "collision", "limits")
     config: ObstacleDodgeConfig
 
-    def __init__(self, config: ObstacleDodgeConfig, n_lanes: int) -> None:
+    def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
         self.layout = layout(config.num_obstacles)
         samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
-        fields = lane_fields(samples, config.num_obstacles)
-        super().__init__(config, SCARA_50CM, n_lanes, extra_lane=fields, extra_model=MODEL_FIELDS)
+        fields = env_fields(samples, config.num_obstacles)
+        super().__init__(config, SCARA_50CM, num_envs, extra_env=fields, extra_model=MODEL_FIELDS)
         self.model["link_radius"] = self.arm.link_radius
         self.model["hold_steps"] = self._hold_steps(config.hold_time)
         self._copy_settings("tolerance", "clearance_margin", "clearance_weight", "collision_penalty")
@@ -96,12 +96,14 @@ class ObstacleDodge(Task):
         self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)
 
     @classmethod
-    def make(cls, config: Mapping[str, Any], n_lanes: int) -> ObstacleDodge:
+    def make(cls, config: Mapping[str, Any], num_envs: int) -> ObstacleDodge:
         """The task from settings by name; unknown names are refused."""
-        return cls(ObstacleDodgeConfig.parse(config, f"{cls.env_id} setting"), n_lanes)
+        return cls(ObstacleDodgeConfig.parse(config, f"{cls.env_id} setting"), num_envs)
 
-    def reset_lanes(self, lanes: Sequence[int], generators: Sequence[np.random.Generator], options: Options) -> None:
-        """Begin an episode in some lanes; see `ObstacleDodgeOptions`.
+    def reset_envs(
+        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
+    ) -> None:
+        """Begin an episode in some environments; see `ObstacleDodgeOptions`.
 
         Raises:
             ValueError: for unknown options, or an episode that cannot be won; nothing has changed then.
@@ -111,34 +113,34 @@ class ObstacleDodge(Task):
             given = chosen.model_dump(exclude={"scenario"}, exclude_none=True)
             chosen = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
         episodes = [self._starts.draw(generator, chosen) for generator in generators]
-        for lane, episode in zip(lanes, episodes, strict=True):
-            record = self.lanes[lane]
+        for env_index, episode in zip(env_indices, episodes, strict=True):
+            record = self.batch[env_index]
             record["q"], record["goal"] = episode.start, episode.goal + self.arm.base_array
             record["radii"], record["path"] = episode.radius, episode.path + self.arm.base_array
-            reset_lane(self.lanes, self.model, lane)
+            reset_env(self.batch, self.model, env_index)
 
     def advance_slice(self, first: int, last: int) -> None:
-        """Advance lanes ``first`` to ``last - 1`` by one control period."""
-        advance_lanes(self.lanes, self.model, first, last)
+        """Advance environments ``first`` to ``last - 1`` by one control period."""
+        advance_batch(self.batch, self.model, first, last)
 
-    def episode_info(self, lane: int) -> dict[str, Any]:
-        """Collision, clearance, time to the goal and limit ratios of a lane's episode."""
-        record = self.lanes[lane]
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """Collision, clearance, time to the goal and limit ratios of an environment's episode."""
+        record = self.batch[env_index]
         since = int(record["step"]) - int(record["held_steps"]) + 1
         return {
             "collision": bool(record["collision"]),
             "min_clearance": float(record["min_clearance"]),
             "time_to_goal": since * self.config.control_period if record["success"] else math.inf,
             "goal_distance": float(record["distance"]),
-            **self.limit_info(lane),
+            **self.limit_info(env_index),
         }
 
-    def obstacle_path(self, lane: int) -> Array:
-        """Where the discs of a lane are in its whole episode, at multiples of `PATH_STEP`, ``(samples, discs, 2)``, m.
+    def obstacle_path(self, env_index: int) -> Array:
+        """Disc positions over the whole episode, at multiples of `PATH_STEP`, ``(samples, discs, 2)``, m.
 
         No policy is told: this is for oracles and pictures.
         """
-        path: Array = self.lanes["path"][lane].copy()
+        path: Array = self.batch["path"][env_index].copy()
         return path
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
@@ -171,13 +173,13 @@ class ObstacleDodge(Task):
         """Stretch of the plane a frame shows, m."""
         return (-1.42, 1.42, -1.42, 1.42)
 
-    def scene(self, lane: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this lane shows."""
-        record = self.lanes[lane]
+    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
+        """What a frame of this environment shows."""
+        record = self.batch[env_index]
         period = self.config.control_period
         distance, clearance = float(record["distance"]), float(record["min_clearance"])
         held = int(record["held_steps"]) * period
-        ratios = self.limit_info(lane)["limit_ratios"]
+        ratios = self.limit_info(env_index)["limit_ratios"]
         discs = zip(record["discs"].tolist(), record["radii"].tolist(), strict=True)
         return Scene(
             joints=self.arm.joint_positions(record["q"]),
@@ -267,6 +269,6 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
 
 class ObstacleDodgeVectorEnv(PlanarArmVectorEnv):
-    """ObstacleDodge-v0 over a batch of lanes; `ObstacleDodgeEnv` documents the task."""
+    """ObstacleDodge-v0 over a batch of environments; `ObstacleDodgeEnv` documents the task."""
 
     task_type = ObstacleDodge

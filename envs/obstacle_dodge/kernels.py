@@ -1,4 +1,4 @@
-"""The compiled kernels of ObstacleDodge: how a lane begins, advances among its discs, is scored and observed."""
+"""The compiled kernels of ObstacleDodge: how an environment begins, advances, is scored and observed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from envs.obstacle_dodge.paths import PATH_STEP
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
 from envs.physics.world import read_joint_state, step_physics
-from planners.robot.clearance import clearance_lane
-from planners.robot.kinematics import hand_state_lane, two_link_branch
+from planners.robot.clearance import clearance_single
+from planners.robot.kinematics import hand_state_single, two_link_branch
 
 
-def lane_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
-    """What a lane's record holds for this task: the path of each disc, ``(samples, discs, 2)``, among other things."""
+def env_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
+    """Fields of an environment's record, among them the path of each disc, ``(samples, discs, 2)``."""
     return [
         ("goal", "f8", (2,)),
         ("hand", "f8", (2,)),
@@ -50,154 +50,154 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
 
 
 @njit(cache=True, nogil=True)
-def reset_lane(lanes: Any, model: Any, index: int) -> None:
-    """Begin an episode in one lane whose posture, goal and paths are already set."""
-    lane, shared = lanes[index], model[0]
-    begin_episode(lane, shared)
-    lane.held_steps = 0
-    lane.collision = False
-    move_discs(lane, 0.0)
-    lane.disc_velocities_before[:] = lane.disc_velocities
-    lane.clearance = lane.min_clearance = measure_clearance(lane, shared)
-    hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
-    lane.distance = _goal_distance(lane)
-    lane.start_distance = max(lane.distance, shared.tolerance)
-    _observe(lane, shared)
+def reset_env(batch: Any, model: Any, index: int) -> None:
+    """Begin an episode in one environment whose posture, goal and paths are already set."""
+    env, shared = batch[index], model[0]
+    begin_episode(env, shared)
+    env.held_steps = 0
+    env.collision = False
+    move_discs(env, 0.0)
+    env.disc_velocities_before[:] = env.disc_velocities
+    env.clearance = env.min_clearance = measure_clearance(env, shared)
+    hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+    env.distance = _goal_distance(env)
+    env.start_distance = max(env.distance, shared.tolerance)
+    _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def advance_lanes(lanes: Any, model: Any, first: int, last: int) -> None:
-    """Advance lanes ``first`` to ``last - 1`` by one control period under their ``action``."""
+def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
+    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
     shared = model[0]
     for index in range(first, last):
-        lane = lanes[index]
-        command(lane, shared, lane.action)
-        lane.disc_velocities_before[:] = lane.disc_velocities
-        closest = _move_among_discs(lane, shared)
-        worst_ratio = finish_period(lane, shared)
-        lane.step += 1
-        lane.min_clearance = min(lane.min_clearance, closest)
-        distance_before = lane.distance
-        hand_state_lane(shared.lengths, shared.base, lane.q, lane.qd, lane.hand, lane.hand_velocity)
-        lane.distance = _goal_distance(lane)
-        lane.held_steps = lane.held_steps + 1 if lane.distance <= shared.tolerance else 0
-        lane.collision = closest < 0.0
-        lane.success = not lane.collision and lane.held_steps >= shared.hold_steps
-        lane.terminated = lane.collision or lane.success
-        lane.truncated = not lane.terminated and lane.step >= shared.horizon_steps
-        _score(lane, shared, distance_before, closest, worst_ratio)
-        _observe(lane, shared)
+        env = batch[index]
+        command(env, shared, env.action)
+        env.disc_velocities_before[:] = env.disc_velocities
+        closest = _move_among_discs(env, shared)
+        worst_ratio = finish_period(env, shared)
+        env.step += 1
+        env.min_clearance = min(env.min_clearance, closest)
+        distance_before = env.distance
+        hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+        env.distance = _goal_distance(env)
+        env.held_steps = env.held_steps + 1 if env.distance <= shared.tolerance else 0
+        env.collision = closest < 0.0
+        env.success = not env.collision and env.held_steps >= shared.hold_steps
+        env.terminated = env.collision or env.success
+        env.truncated = not env.terminated and env.step >= shared.horizon_steps
+        _score(env, shared, distance_before, closest, worst_ratio)
+        _observe(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def _move_among_discs(lane: Any, shared: Any) -> float:
+def _move_among_discs(env: Any, shared: Any) -> float:
     """The physics of one period; the least clearance after any of its steps, m."""
     closest = np.inf
     for substep in range(shared.substeps):
-        step_physics(lane, shared, lane.tau)
-        read_joint_state(lane, shared)
-        move_discs(lane, lane.step * shared.control_period + (substep + 1) * shared.physics_step)
-        lane.clearance = measure_clearance(lane, shared)
-        closest = min(closest, lane.clearance)
+        step_physics(env, shared, env.tau)
+        read_joint_state(env, shared)
+        move_discs(env, env.step * shared.control_period + (substep + 1) * shared.physics_step)
+        env.clearance = measure_clearance(env, shared)
+        closest = min(closest, env.clearance)
     return closest
 
 
 @njit(cache=True, nogil=True)
-def move_discs(lane: Any, t: float) -> None:
-    """Put the discs of one lane where their paths are at time ``t``, s; their velocities are backward differences."""
+def move_discs(env: Any, t: float) -> None:
+    """Move the discs of an environment along their paths to time ``t``, s; velocities are backward differences."""
     place = t / PATH_STEP + 1e-9  # a time that is a sample must not fall before it by rounding
-    left = min(int(place), lane.path.shape[0] - 2)
+    left = min(int(place), env.path.shape[0] - 2)
     share = min(1.0, max(0.0, place - left))
-    for disc in range(lane.radii.shape[0]):
+    for disc in range(env.radii.shape[0]):
         for axis in range(2):
-            before, after = lane.path[left, disc, axis], lane.path[left + 1, disc, axis]
-            lane.discs[disc, axis] = before + share * (after - before)
+            before, after = env.path[left, disc, axis], env.path[left + 1, disc, axis]
+            env.discs[disc, axis] = before + share * (after - before)
             if share < 1e-6 and left > 0:
-                before, after = lane.path[left - 1, disc, axis], before
-            lane.disc_velocities[disc, axis] = (after - before) / PATH_STEP
+                before, after = env.path[left - 1, disc, axis], before
+            env.disc_velocities[disc, axis] = (after - before) / PATH_STEP
 
 
 @njit(cache=True, nogil=True)
-def measure_clearance(lane: Any, shared: Any) -> float:
+def measure_clearance(env: Any, shared: Any) -> float:
     """Distance between the surfaces of the arm and of the nearest disc, m."""
     nearest = np.inf
-    for disc in range(lane.radii.shape[0]):
-        x, y = lane.discs[disc]
-        gap = clearance_lane(shared.lengths, shared.base, shared.link_radius, lane.q, x, y, lane.radii[disc])
+    for disc in range(env.radii.shape[0]):
+        x, y = env.discs[disc]
+        gap = clearance_single(shared.lengths, shared.base, shared.link_radius, env.q, x, y, env.radii[disc])
         nearest = min(nearest, gap)
     return nearest
 
 
 @njit(cache=True, nogil=True)
-def _goal_distance(lane: Any) -> float:
-    return math.hypot(lane.goal[0] - lane.hand[0], lane.goal[1] - lane.hand[1])
+def _goal_distance(env: Any) -> float:
+    return math.hypot(env.goal[0] - env.hand[0], env.goal[1] - env.hand[1])
 
 
 @njit(cache=True, nogil=True)
-def _score(lane: Any, shared: Any, distance_before: float, closest: float, worst_ratio: float) -> None:
+def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_ratio: float) -> None:
     """Write the terms of the reward, in the task's order, and their sum."""
     too_close = min(1.0, max(0.0, 1.0 - closest / shared.clearance_margin))
-    time_left = 1.0 - lane.step / shared.horizon_steps
-    lane.reward_terms[0] = (distance_before - lane.distance) / lane.start_distance
-    lane.reward_terms[1] = 1.0 + time_left if lane.success else 0.0
-    lane.reward_terms[2] = 0.0 - shared.clearance_weight * shared.control_period * too_close
-    lane.reward_terms[3] = 0.0 - shared.collision_penalty if lane.collision else 0.0
-    lane.reward_terms[4] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
-    sum_reward(lane)
+    time_left = 1.0 - env.step / shared.horizon_steps
+    env.reward_terms[0] = (distance_before - env.distance) / env.start_distance
+    env.reward_terms[1] = 1.0 + time_left if env.success else 0.0
+    env.reward_terms[2] = 0.0 - shared.clearance_weight * shared.control_period * too_close
+    env.reward_terms[3] = 0.0 - shared.collision_penalty if env.collision else 0.0
+    env.reward_terms[4] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
+    sum_reward(env)
 
 
 @njit(cache=True, nogil=True)
-def _observe(lane: Any, shared: Any) -> None:
+def _observe(env: Any, shared: Any) -> None:
     """Write the observation: the entries of the layout, in its order."""
-    seen = lane.seen
-    discs = lane.radii.shape[0]
-    seen[0:2] = lane.q
-    seen[2:4] = lane.qd
-    seen[4:6] = lane.qdd
+    seen = env.seen
+    discs = env.radii.shape[0]
+    seen[0:2] = env.q
+    seen[2:4] = env.qd
+    seen[4:6] = env.qdd
     for axis in range(2):
-        seen[6 + axis] = lane.hand[axis] - shared.base[axis]
-        seen[8 + axis] = lane.goal[axis] - shared.base[axis]
-        seen[10 + axis] = lane.goal[axis] - lane.hand[axis]
+        seen[6 + axis] = env.hand[axis] - shared.base[axis]
+        seen[8 + axis] = env.goal[axis] - shared.base[axis]
+        seen[10 + axis] = env.goal[axis] - env.hand[axis]
     place = 12
     for disc in range(discs):
         for axis in range(2):
-            seen[place + 2 * disc + axis] = lane.discs[disc, axis] - shared.base[axis]
-            seen[place + 2 * discs + 2 * disc + axis] = lane.disc_velocities[disc, axis]
-        seen[place + 4 * discs + disc] = lane.radii[disc]
+            seen[place + 2 * disc + axis] = env.discs[disc, axis] - shared.base[axis]
+            seen[place + 2 * discs + 2 * disc + axis] = env.disc_velocities[disc, axis]
+        seen[place + 4 * discs + disc] = env.radii[disc]
     place += 5 * discs
-    _observe_postures(lane, shared, place)
-    _observe_from_links(lane, shared, place + 4)
+    _observe_postures(env, shared, place)
+    _observe_from_links(env, shared, place + 4)
     place += 4 + 12 * discs
-    seen[place] = lane.clearance
-    seen[place + 1] = (shared.horizon_steps - lane.step) * shared.control_period
-    seen[place + 2] = min(1.0, lane.held_steps / shared.hold_steps)
-    finish_observation(lane, shared)
+    seen[place] = env.clearance
+    seen[place + 1] = (shared.horizon_steps - env.step) * shared.control_period
+    seen[place + 2] = min(1.0, env.held_steps / shared.hold_steps)
+    finish_observation(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def _observe_postures(lane: Any, shared: Any, place: int) -> None:
+def _observe_postures(env: Any, shared: Any, place: int) -> None:
     """What is left to both postures with the hand at the goal."""
-    x, y = lane.goal[0] - shared.base[0], lane.goal[1] - shared.base[1]
+    x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
     for branch in range(2):
         q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
-        lane.seen[place + 2 * branch] = q1 - lane.q[0]
-        lane.seen[place + 2 * branch + 1] = q2 - lane.q[1]
+        env.seen[place + 2 * branch] = q1 - env.q[0]
+        env.seen[place + 2 * branch + 1] = q2 - env.q[1]
 
 
 @njit(cache=True, nogil=True)
-def _observe_from_links(lane: Any, shared: Any, place: int) -> None:
+def _observe_from_links(env: Any, shared: Any, place: int) -> None:
     """Discs as the links see them: position, velocity, acceleration and clearance, entry by entry."""
-    seen = lane.seen
-    discs = lane.radii.shape[0]
+    seen = env.seen
+    discs = env.radii.shape[0]
     velocities, accelerations, clearances = place + 4 * discs, place + 8 * discs, place + 10 * discs
     for disc in range(discs):
-        x, y = lane.discs[disc, 0] - shared.base[0], lane.discs[disc, 1] - shared.base[1]
-        vx, vy = lane.disc_velocities[disc]
-        ax = (vx - lane.disc_velocities_before[disc, 0]) / shared.control_period
-        ay = (vy - lane.disc_velocities_before[disc, 1]) / shared.control_period
+        x, y = env.discs[disc, 0] - shared.base[0], env.discs[disc, 1] - shared.base[1]
+        vx, vy = env.disc_velocities[disc]
+        ax = (vx - env.disc_velocities_before[disc, 0]) / shared.control_period
+        ay = (vy - env.disc_velocities_before[disc, 1]) / shared.control_period
         angle = 0.0
         for link in range(2):
-            angle += lane.q[link]
+            angle += env.q[link]
             c, s = math.cos(angle), math.sin(angle)
             along, across = c * x + s * y, c * y - s * x
             at = 4 * disc + 2 * link
@@ -207,6 +207,6 @@ def _observe_from_links(lane: Any, shared: Any, place: int) -> None:
                 seen[accelerations + 2 * disc] = c * ax + s * ay
                 seen[accelerations + 2 * disc + 1] = c * ay - s * ax
             beyond = along - min(shared.lengths[link], max(0.0, along))
-            gap = math.hypot(beyond, across) - shared.link_radius - lane.radii[disc]
+            gap = math.hypot(beyond, across) - shared.link_radius - env.radii[disc]
             seen[clearances + 2 * disc + link] = gap
             x, y = x - shared.lengths[link] * c, y - shared.lengths[link] * s

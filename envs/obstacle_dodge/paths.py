@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from planners.robot.arm import Arm, JointLimits
-from planners.robot.clearance import clearance_lane
+from planners.robot.clearance import clearance_single
 from planners.trapezoid import share_at, trapezoid
 from planners.typing import Array
 
@@ -117,7 +117,7 @@ def _spawn(generator: Any, radius: float, move: StraightMove) -> tuple[float, fl
     while True:
         x, y = _anywhere(generator, NEAREST + WALL, FARTHEST)
         off_goal = math.hypot(x - move.goal[0], y - move.goal[1]) - radius - move.link_radius
-        off_arm = clearance_lane(move.lengths, base, move.link_radius, move.start, x, y, radius)
+        off_arm = clearance_single(move.lengths, base, move.link_radius, move.start, x, y, radius)
         if min(off_goal, off_arm) >= SPAWN_CLEARANCE:
             return x, y
 

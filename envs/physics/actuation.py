@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 
 from envs.physics.world import Records, advance
-from planners.control import held_torque_lane, share_within
+from planners.control import held_torque_single, share_within
 from planners.control.joint_limits import smooth_bounds
 from planners.robot.arm import Arm
-from planners.robot.dynamics import mass_matrix_lane
+from planners.robot.dynamics import mass_matrix_single
 from planners.typing import Array
 
 ControlMode = Literal["torque", "acceleration", "jerk", "velocity"]
@@ -25,8 +25,8 @@ _VELOCITY_SHARE, _TORQUE_SHARE = 0.998, 0.98  # used in velocity mode: what is h
 _RANGE_MARGIN = 0.01  # how far from the end of its range a joint stops in velocity mode, rad
 
 
-def actuation_lane_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of a lane's record: what was commanded and done in the last period, and the worst ratios so far."""
+def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """Fields of an environment's record: commands and effects of the last period, and the worst ratios so far."""
     return [
         ("tau", "f8", (n_joints,)),
         ("qdd", "f8", (n_joints,)),
@@ -72,78 +72,78 @@ def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def apply_action(lane: Any, model: Any, action: Array) -> float:
-    """Advance one lane by one control period under an action in [-1, 1] (clipped), ``(n,)``.
+def apply_action(env: Any, model: Any, action: Array) -> float:
+    """Advance one environment by one control period under an action in [-1, 1] (clipped), ``(n,)``.
 
     Returns:
         The worst |value| / limit of this period over all joints and kinds of limit.
     """
-    command(lane, model, action)
-    advance(lane, model, lane.tau)
-    return finish_period(lane, model)
+    command(env, model, action)
+    advance(env, model, env.tau)
+    return finish_period(env, model)
 
 
 @njit(cache=True, nogil=True)
-def command(lane: Any, model: Any, action: Array) -> None:
-    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``lane.tau`` of the next period."""
-    n = lane.q.shape[0]
+def command(env: Any, model: Any, action: Array) -> None:
+    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``environment.tau`` of the next period."""
+    n = env.q.shape[0]
     share = np.empty(n)
     for i in range(n):
         share[i] = min(1.0, max(-1.0, action[i]))
     if model.control_mode == _TORQUE:
         for i in range(n):
-            lane.tau[i] = share[i] * model.limits[0, i]
+            env.tau[i] = share[i] * model.limits[0, i]
     elif model.control_mode == _ACCELERATION:
         for i in range(n):
-            lane.commanded_qdd[i] = share[i] * model.limits[2, i]
-        held_torque_lane(
-            model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, model.control_period, lane.tau
+            env.commanded_qdd[i] = share[i] * model.limits[2, i]
+        held_torque_single(
+            model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, model.control_period, env.tau
         )
     elif model.control_mode == _JERK:
-        command_smoothly(lane, model, share)
+        command_smoothly(env, model, share)
     else:
-        command_velocity(lane, model, share)
+        command_velocity(env, model, share)
     for i in range(n):
-        lane.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
-    lane.qd_before[:] = lane.qd
-    lane.qdd_before[:] = lane.qdd
+        env.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], env.tau[i]))
+    env.qd_before[:] = env.qd
+    env.qdd_before[:] = env.qdd
 
 
 @njit(cache=True, nogil=True)
-def finish_period(lane: Any, model: Any) -> float:
+def finish_period(env: Any, model: Any) -> float:
     """After the physics: mean accelerations, peak torque, limits; the worst |value| / limit of this period."""
-    for i in range(lane.q.shape[0]):
-        lane.qdd[i] = (lane.qd[i] - lane.qd_before[i]) / model.control_period
-        lane.peak_torque = max(lane.peak_torque, abs(lane.tau[i]))
-    return watch_limits(lane, model)
+    for i in range(env.q.shape[0]):
+        env.qdd[i] = (env.qd[i] - env.qd_before[i]) / model.control_period
+        env.peak_torque = max(env.peak_torque, abs(env.tau[i]))
+    return watch_limits(env, model)
 
 
 @njit(cache=True, nogil=True)
-def command_smoothly(lane: Any, model: Any, share: Array) -> None:
+def command_smoothly(env: Any, model: Any, share: Array) -> None:
     """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
 
     The accelerations stay within what keeps every smoothness limit. Where that would ask more torque than there is,
     they are moved until the torques fit, too: projections in turn onto each torque limit, linear in the accelerations,
     and back into the bounds.
     """
-    n = lane.q.shape[0]
+    n = env.q.shape[0]
     period = model.control_period
     lower, upper = np.empty(n), np.empty(n)
     for i in range(n):
         lower[i], upper[i] = smooth_bounds(
-            lane.qd[i], lane.commanded_qdd[i], period, model.limits[1, i], model.limits[2, i], model.limits[3, i]
+            env.qd[i], env.commanded_qdd[i], period, model.limits[1, i], model.limits[2, i], model.limits[3, i]
         )
-        wanted = lane.commanded_qdd[i] + share[i] * model.limits[3, i] * period
-        lane.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
+        wanted = env.commanded_qdd[i] + share[i] * model.limits[3, i] * period
+        env.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
     mass = np.empty((n, n))
-    mass_matrix_lane(model.coupling, lane.q, mass)
+    mass_matrix_single(model.coupling, env.q, mass)
     for _ in range(_PROJECTIONS):
-        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+        held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
         worst, excess = 0, 0.0
         for i in range(n):
-            allowed = min(model.limits[0, i], max(-model.limits[0, i], lane.tau[i]))
-            if abs(lane.tau[i] - allowed) > abs(excess):
-                worst, excess = i, lane.tau[i] - allowed
+            allowed = min(model.limits[0, i], max(-model.limits[0, i], env.tau[i]))
+            if abs(env.tau[i] - allowed) > abs(excess):
+                worst, excess = i, env.tau[i] - allowed
         if abs(excess) <= _TORQUE_SLACK * model.limits[0, worst]:
             return
         row = mass[worst]
@@ -151,36 +151,36 @@ def command_smoothly(lane: Any, model: Any, share: Array) -> None:
         for i in range(n):
             scale += row[i] * row[i]
         for i in range(n):
-            moved = lane.commanded_qdd[i] - row[i] * excess / scale
-            lane.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
+            moved = env.commanded_qdd[i] - row[i] * excess / scale
+            env.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
 
 
 @njit(cache=True, nogil=True)
-def command_velocity(lane: Any, model: Any, share: Array) -> None:
+def command_velocity(env: Any, model: Any, share: Array) -> None:
     """Find the torques that bring the joints to velocities (shares of the limits) by the end of the period.
 
     As far, that is, as the limits of acceleration and torque let them; a joint is braked in time before the end of its
     range, with half of its acceleration, which leaves torque for the others.
     """
-    n = lane.q.shape[0]
+    n = env.q.shape[0]
     period = model.control_period
     for i in range(n):
-        speed, top, hardest = lane.qd[i], _VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
+        speed, top, hardest = env.qd[i], _VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
         end = model.limits[4, i] - _RANGE_MARGIN
-        fastest = _braked_in_time(end - lane.q[i], speed, 0.5 * hardest, period)
-        slowest = -_braked_in_time(end + lane.q[i], -speed, 0.5 * hardest, period)
+        fastest = _braked_in_time(end - env.q[i], speed, 0.5 * hardest, period)
+        slowest = -_braked_in_time(end + env.q[i], -speed, 0.5 * hardest, period)
         wanted = min(fastest, max(slowest, share[i] * top))
-        lane.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
+        env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
     still = np.empty(n)
-    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, np.zeros(n), period, still)
-    held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+    held_torque_single(model.coupling, model.weight, env.q, env.qd, np.zeros(n), period, still)
+    held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
     fitting = 1.0
     for i in range(n):
-        fitting = min(fitting, share_within(still[i], lane.tau[i], _TORQUE_SHARE * model.limits[0, i]))
+        fitting = min(fitting, share_within(still[i], env.tau[i], _TORQUE_SHARE * model.limits[0, i]))
     if fitting < 1.0:
         for i in range(n):
-            lane.commanded_qdd[i] *= fitting
-        held_torque_lane(model.coupling, model.weight, lane.q, lane.qd, lane.commanded_qdd, period, lane.tau)
+            env.commanded_qdd[i] *= fitting
+        held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
 
 
 @njit(cache=True, nogil=True)
@@ -195,25 +195,25 @@ def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def watch_limits(lane: Any, model: Any) -> float:
+def watch_limits(env: Any, model: Any) -> float:
     """Hold the period's values against the limits; keeps the worst of the episode and returns the worst of the period.
 
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
     """
     worst = 0.0
     for kind in range(len(LIMIT_KINDS)):
-        for i in range(lane.q.shape[0]):
+        for i in range(env.q.shape[0]):
             if kind == 0:
-                value = lane.tau[i]
+                value = env.tau[i]
             elif kind == 1:
-                value = lane.qd[i]
+                value = env.qd[i]
             elif kind == 2:
-                value = lane.qdd[i]
+                value = env.qdd[i]
             elif kind == 3:
-                value = (lane.qdd[i] - lane.qdd_before[i]) / model.control_period
+                value = (env.qdd[i] - env.qdd_before[i]) / model.control_period
             else:
-                value = lane.q[i]
+                value = env.q[i]
             ratio = abs(value) / model.limits[kind, i]
             worst = max(worst, ratio)
-            lane.limit_ratios[kind] = max(lane.limit_ratios[kind], ratio)
+            env.limit_ratios[kind] = max(env.limit_ratios[kind], ratio)
     return worst

@@ -10,33 +10,33 @@ from envs.physics.world import place_arm
 
 
 @njit(cache=True, nogil=True)
-def begin_episode(lane: Any, shared: Any) -> None:
-    """Put the arm at rest at ``lane.q``, and forget the last episode."""
-    clear_episode(lane)
-    place_arm(lane, shared)
+def begin_episode(env: Any, shared: Any) -> None:
+    """Put the arm at rest at ``environment.q``, and forget the last episode."""
+    clear_episode(env)
+    place_arm(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def clear_episode(lane: Any) -> None:
+def clear_episode(env: Any) -> None:
     """Forget the last episode; joints are at rest."""
-    lane.qd[:] = 0.0
-    lane.qdd[:] = 0.0
-    lane.tau[:] = 0.0
-    lane.commanded_qdd[:] = 0.0
-    lane.limit_ratios[:] = 0.0
-    lane.reward_terms[:] = 0.0
-    lane.reward = 0.0
-    lane.peak_torque = 0.0
-    lane.terminated = lane.truncated = lane.success = False
-    lane.step = 0
+    env.qd[:] = 0.0
+    env.qdd[:] = 0.0
+    env.tau[:] = 0.0
+    env.commanded_qdd[:] = 0.0
+    env.limit_ratios[:] = 0.0
+    env.reward_terms[:] = 0.0
+    env.reward = 0.0
+    env.peak_torque = 0.0
+    env.terminated = env.truncated = env.success = False
+    env.step = 0
 
 
 @njit(cache=True, nogil=True)
-def sum_reward(lane: Any) -> None:
+def sum_reward(env: Any) -> None:
     """The reward is the sum of its terms."""
-    lane.reward = 0.0
-    for term in lane.reward_terms:
-        lane.reward += term
+    env.reward = 0.0
+    for term in env.reward_terms:
+        env.reward += term
 
 
 @njit(cache=True, nogil=True)
@@ -46,8 +46,8 @@ def limit_cost(ratio: float, tolerance: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def finish_observation(lane: Any, shared: Any) -> None:
-    """Scale and clip the physical values in ``lane.seen`` into ``lane.observation``."""
-    for element in range(lane.seen.shape[0]):
-        value = lane.seen[element] / shared.scales[element]
-        lane.observation[element] = min(shared.bounds[element], max(-shared.bounds[element], value))
+def finish_observation(env: Any, shared: Any) -> None:
+    """Scale and clip the physical values in ``environment.seen`` into ``environment.observation``."""
+    for element in range(env.seen.shape[0]):
+        value = env.seen[element] / shared.scales[element]
+        env.observation[element] = min(shared.bounds[element], max(-shared.bounds[element], value))

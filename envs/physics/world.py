@@ -1,4 +1,4 @@
-"""The physics: arms as rigid bodies joined by pivots in Pymunk, one space per lane.
+"""The physics: arms as rigid bodies joined by pivots in Pymunk, one space per environment.
 
 Three choices make Pymunk a good manipulator simulator (``python -m tools.physics_fidelity`` prints what each is worth):
 
@@ -29,7 +29,7 @@ PYMUNK_ERROR_BIAS = 0.9**60
 
 
 def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of a lane's record that the physics needs: joint state, and the addresses of the Chipmunk objects."""
+    """Fields of an environment's record for the physics: joint state, and addresses of Chipmunk objects."""
     return [
         ("q", "f8", (n_joints,)),
         ("qd", "f8", (n_joints,)),
@@ -54,12 +54,12 @@ def body_fields(n_joints: int) -> list[tuple[Any, ...]]:
 
 
 class World:
-    """The Pymunk spaces of a batch of lanes, each holding one arm and, if asked for, one part on a belt.
+    """The Pymunk spaces of a batch of environments, each holding one arm and, if asked for, one part on a belt.
 
     Args:
         arm: the arm as it really is (with the payload it holds).
-        lanes: lane records with `arm_fields`, and ``part`` if there is a part; the addresses are filled in.
-        model: the one record of what all lanes share, with `body_fields`; filled in.
+        batch: environment records with `arm_fields`, and ``part`` if there is a part; the addresses are filled in.
+        model: the one record of what all environments share, with `body_fields`; filled in.
         control_period: time for which a torque is held, s.
         physics_step: time of one Chipmunk step, s.
         pymunk_defaults: leave out the first two choices above, to show what they are worth.
@@ -71,7 +71,7 @@ class World:
     def __init__(
         self,
         arm: Arm,
-        lanes: Records,
+        batch: Records,
         model: Records,
         *,
         control_period: float,
@@ -84,7 +84,7 @@ class World:
         model["position_lag"] = 0.0 if pymunk_defaults else 0.5 * physics_step
         model["error_bias"] = PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0
         self._objects: list[object] = []  # keeps the C structs alive that the addresses point to
-        for lane in lanes:
+        for env in batch:
             space = pymunk.Space()
             space.gravity = (0.0, -arm.gravity)
             links = [pymunk.Body(mass, inertia) for mass, inertia in zip(arm.masses, arm.inertias, strict=True)]
@@ -93,15 +93,15 @@ class World:
             parents = [space.static_body, *links[:-1]]
             joints = [pymunk.PivotJoint(*pair, (0.0, 0.0), (0.0, 0.0)) for pair in zip(parents, links, strict=True)]
             space.add(*joints)
-            lane["space"] = chipmunk.address(space._space)
-            lane["ground"] = chipmunk.address(space.static_body._body)
-            lane["links"] = [chipmunk.address(link._body) for link in links]
-            lane["joints"] = [chipmunk.address(joint._constraint) for joint in joints]
+            env["space"] = chipmunk.address(space._space)
+            env["ground"] = chipmunk.address(space.static_body._body)
+            env["links"] = [chipmunk.address(link._body) for link in links]
+            env["joints"] = [chipmunk.address(joint._constraint) for joint in joints]
             self._objects.append((space, links, joints))
-            if "part" in (lanes.dtype.names or ()):
+            if "part" in (batch.dtype.names or ()):
                 part = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
                 space.add(part)
-                lane["part"] = chipmunk.address(part._body)
+                env["part"] = chipmunk.address(part._body)
                 self._objects.append(part)
         # Pymunk cannot free a space once the interpreter takes its modules apart; this comes before that.
         weakref.finalize(self, self._objects.clear)
@@ -123,21 +123,21 @@ def substeps_per_period(control_period: float, physics_step: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def place_arm(lane: Any, model: Any) -> None:
-    """Put the bodies of one lane where ``lane.q`` and ``lane.qd`` say, with joints that remember nothing."""
-    n = lane.q.shape[0]
+def place_arm(env: Any, model: Any) -> None:
+    """Place the bodies of an environment at ``env.q`` and ``env.qd``, with fresh joints."""
+    n = env.q.shape[0]
     lag = model.position_lag
     phi = w = 0.0
     x, y = model.base[0], model.base[1]
     vx = vy = 0.0
     for i in range(n):
-        phi += lane.q[i]
-        w += lane.qd[i]
+        phi += env.q[i]
+        w += env.qd[i]
         earlier = phi - w * lag
         cos_earlier, sin_earlier = np.cos(earlier), np.sin(earlier)
         cos_now, sin_now = np.cos(phi), np.sin(phi)
         com, length = model.coms[i], model.lengths[i]
-        link = lane.links[i]
+        link = env.links[i]
         chipmunk.body_set_angle(link, earlier)
         chipmunk.body_set_angular_velocity(link, w)
         chipmunk.body_set_position(link, x + com * cos_earlier, y + com * sin_earlier)
@@ -146,67 +146,67 @@ def place_arm(lane: Any, model: Any) -> None:
         y += length * sin_earlier
         vx -= length * w * sin_now
         vy += length * w * cos_now
-    remove_joints(lane)
+    remove_joints(env)
     for i in range(n):
         outer_end = model.lengths[i - 1] - model.coms[i - 1] if i > 0 else 0.0
-        renew_joint(lane, model, i, outer_end, -model.coms[i])
+        renew_joint(env, model, i, outer_end, -model.coms[i])
 
 
 @njit(cache=True, nogil=True)
-def remove_joints(lane: Any) -> None:
-    """Take the joints of one lane out of its space.
+def remove_joints(env: Any) -> None:
+    """Take the joints of one environment out of its space.
 
     All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
     """
-    for joint in lane.joints:
-        chipmunk.space_remove_constraint(lane.space, joint)
+    for joint in env.joints:
+        chipmunk.space_remove_constraint(env.space, joint)
 
 
 @njit(cache=True, nogil=True)
-def renew_joint(lane: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
-    """Make joint ``i`` of one lane anew, and put it into the space.
+def renew_joint(env: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
+    """Make joint ``i`` of one environment anew, and put it into the space.
 
     It holds the place ``outer_end`` on the x axis of the link before (or the base) to ``inner_end`` on that of its own,
     both in the frames of the bodies, m.
     """
-    joint = lane.joints[i]
+    joint = env.joints[i]
     owner = chipmunk.constraint_get_user_data(joint)
     if i == 0:
-        chipmunk.pivot_joint_init(joint, lane.ground, lane.links[0], model.base[0], model.base[1], inner_end, 0.0)
+        chipmunk.pivot_joint_init(joint, env.ground, env.links[0], model.base[0], model.base[1], inner_end, 0.0)
     else:
-        chipmunk.pivot_joint_init(joint, lane.links[i - 1], lane.links[i], outer_end, 0.0, inner_end, 0.0)
+        chipmunk.pivot_joint_init(joint, env.links[i - 1], env.links[i], outer_end, 0.0, inner_end, 0.0)
     chipmunk.constraint_set_user_data(joint, owner)
     chipmunk.constraint_set_error_bias(joint, model.error_bias)
-    chipmunk.space_add_constraint(lane.space, joint)
+    chipmunk.space_add_constraint(env.space, joint)
 
 
 @njit(cache=True, nogil=True)
-def advance(lane: Any, model: Any, tau: Array) -> None:
-    """Advance one lane by one control period under constant joint torques ``tau``, ``(n,)`` N m; updates q and qd."""
+def advance(env: Any, model: Any, tau: Array) -> None:
+    """Advance an environment by one control period under constant joint torques ``tau``, ``(n,)`` N m."""
     for _ in range(model.substeps):
-        step_physics(lane, model, tau)
-    read_joint_state(lane, model)
+        step_physics(env, model, tau)
+    read_joint_state(env, model)
 
 
 @njit(cache=True, nogil=True)
-def step_physics(lane: Any, model: Any, tau: Array) -> None:
-    """Advance the bodies of one lane by one physics step under joint torques ``tau``, ``(n,)`` N m."""
-    n = lane.q.shape[0]
+def step_physics(env: Any, model: Any, tau: Array) -> None:
+    """Advance the bodies of one environment by one physics step under joint torques ``tau``, ``(n,)`` N m."""
+    n = env.q.shape[0]
     # Chipmunk clears the torques after every step.
     for i in range(n - 1):
-        chipmunk.body_set_torque(lane.links[i], tau[i] - tau[i + 1])
-    chipmunk.body_set_torque(lane.links[n - 1], tau[n - 1])
-    chipmunk.space_step(lane.space, model.physics_step)
+        chipmunk.body_set_torque(env.links[i], tau[i] - tau[i + 1])
+    chipmunk.body_set_torque(env.links[n - 1], tau[n - 1])
+    chipmunk.space_step(env.space, model.physics_step)
 
 
 @njit(cache=True, nogil=True)
-def read_joint_state(lane: Any, model: Any) -> None:
-    """Read q and qd of one lane off its bodies."""
+def read_joint_state(env: Any, model: Any) -> None:
+    """Read q and qd of one environment off its bodies."""
     lag = model.position_lag
     inner_angle = inner_speed = 0.0
-    for i in range(lane.q.shape[0]):
-        speed = chipmunk.body_get_angular_velocity(lane.links[i])
-        angle = chipmunk.body_get_angle(lane.links[i]) + lag * speed
-        lane.q[i] = angle - inner_angle
-        lane.qd[i] = speed - inner_speed
+    for i in range(env.q.shape[0]):
+        speed = chipmunk.body_get_angular_velocity(env.links[i])
+        angle = chipmunk.body_get_angle(env.links[i]) + lag * speed
+        env.q[i] = angle - inner_angle
+        env.qd[i] = speed - inner_speed
         inner_angle, inner_speed = angle, speed

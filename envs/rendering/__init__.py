@@ -1,4 +1,4 @@
-"""Pictures of a lane: describe a frame as a `Scene`, draw it with a `Renderer`. pygame-ce is imported on first use."""
+"""Pictures: describe a frame as a `Scene`, draw it with a `Renderer`. pygame-ce is imported on first use."""
 
 from envs.rendering.renderer import Renderer
 from envs.rendering.scene import Belt, Scene

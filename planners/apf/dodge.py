@@ -1,6 +1,6 @@
-"""Potential-field control of a two-link arm among moving discs, for a batch of lanes.
+"""Potential-field control of a two-link arm among moving discs, for a batch of rows.
 
-Every other period a lane looks ahead. It is drawn straight into the well of its goal as long as that is predicted to
+Every other period a row looks ahead. It is drawn straight into the well of its goal as long as that is predicted to
 keep clear of the discs (:mod:`planners.apf.whole_arm`). Where it is not, the field makes proposals
 (:mod:`planners.apf.proposals`), each of which is followed into the future (:mod:`planners.apf.safety`). Where somebody
 tells several futures, all of them count (:mod:`planners.apf.hedging`).
@@ -30,14 +30,14 @@ TOLERANCE_SHARE = 0.85
 """How close to the goal a motion that is looked ahead has to come, as a share of the tolerance."""
 
 
-def new_memory(lanes: int, discs: int) -> NDArray[Any]:
-    """What is remembered of each lane; all zeros where an episode begins.
+def new_memory(rows: int, discs: int) -> NDArray[Any]:
+    """What is remembered of each row; all zeros where an episode begins.
 
     Returns:
-        A structured array, ``(lanes,)``: ``memory[lane] = 0`` forgets a lane.
+        A structured array, ``(batch,)``: ``memory[row] = 0`` forgets a row.
     """
     return np.zeros(
-        lanes,
+        rows,
         dtype=[
             ("begun", "?"),
             ("decided", "?"),  # in the last period: the decision stands for another one
@@ -74,10 +74,10 @@ def dodge_accelerations(
     Args:
         arm: with two links.
         gains: of the field; `tuned_gains` for the best known.
-        q, qd: joint angles and velocities, ``(lanes, 2)``, rad and rad/s.
-        goal: of the hand, ``(lanes, 2)``, m.
-        positions, velocities: of the discs, ``(lanes, discs, 2)``, m and m/s.
-        radii: of the discs, ``(lanes, discs)``, m.
+        q, qd: joint angles and velocities, ``(batch, 2)``, rad and rad/s.
+        goal: of the hand, ``(batch, 2)``, m.
+        positions, velocities: of the discs, ``(batch, discs, 2)``, m and m/s.
+        radii: of the discs, ``(batch, discs)``, m.
         memory: from `new_memory`, brought up to date here.
         period: control period, s.
         tolerance: how close to the goal the hand has to be, m.
@@ -85,27 +85,27 @@ def dodge_accelerations(
         futures: of the discs, at the instants that the gains look at; if left out, discs are taken to go on.
 
     Returns:
-        ``(lanes, 2)``, rad/s^2. A goal that no posture within the ranges reaches: the lane brakes and evades.
+        ``(batch, 2)``, rad/s^2. A goal that no posture within the ranges reaches: the row brakes and evades.
 
     Raises:
         ValueError: if shapes do not fit, a probability is negative or NaN, or the arm has not two links.
     """
     body, values, sight = _prepared(arm, gains)
-    lanes, discs = len(memory), memory.dtype["seen"].shape[0]
-    angles, speeds, hands = (_shaped(array, (lanes, 2)) for array in (q, qd, goal))
-    places, rates = (_shaped(array, (lanes, discs, 2)) for array in (positions, velocities))
-    sizes = _shaped(radii, (lanes, discs))
+    rows, discs = len(memory), memory.dtype["seen"].shape[0]
+    angles, speeds, hands = (_shaped(array, (rows, 2)) for array in (q, qd, goal))
+    places, rates = (_shaped(array, (rows, discs, 2)) for array in (positions, velocities))
+    sizes = _shaped(radii, (rows, discs))
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
-    told = futures or Futures(np.empty((lanes, 0, len(sight), discs, 2)), np.empty((lanes, 0)), HedgeGains())
+    told = futures or Futures(np.empty((rows, 0, len(sight), discs, 2)), np.empty((rows, 0)), HedgeGains())
     count = np.shape(told.weights)[-1]
-    ahead, weights = _shaped(told.places, (lanes, count, len(sight), discs, 2)), _shaped(told.weights, (lanes, count))
+    ahead, weights = _shaped(told.places, (rows, count, len(sight), discs, 2)), _shaped(told.weights, (rows, count))
     if not (weights >= 0.0).all():
         raise ValueError(f"weights of futures {weights.tolist()}: probabilities are numbers that are not negative")
     hedge, options = as_record(told.hedge), room_for_options(count + 1)
     base = arm.base_array
     qdd = np.empty_like(angles)
-    _dodge_lanes(
+    _dodge_batch(
         body, values, sight, states, angles, speeds, hands - base, places - base, rates, sizes, ahead - base, weights,
         hedge, options, memory, period, qdd,
     )  # fmt: skip
@@ -115,7 +115,7 @@ def dodge_accelerations(
 def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     given = np.ascontiguousarray(array, dtype=float)
     if given.shape != shape:
-        raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (lanes, ...), (lanes, discs, ...)")
+        raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (batch, ...), (batch, discs, ...)")
     return given
 
 
@@ -126,7 +126,7 @@ def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
 
 
 @njit(cache=True, nogil=True)
-def _dodge_lanes(
+def _dodge_batch(
     body: Any,
     gains: Any,
     sight: NDArray[Any],
@@ -149,34 +149,34 @@ def _dodge_lanes(
     # What is told, and last the field's own forecast.
     places, chances = np.empty((count + 1, sight.shape[0], discs, 2)), np.empty(count + 1)
     trends = np.empty((discs, 4))
-    for lane in range(q.shape[0]):
-        record = memory[lane]
-        _look(body, q[lane], qd[lane], goal[lane], period, state, record)
-        notice_discs(gains, record, positions[lane], velocities[lane], period, trends)
+    for row in range(q.shape[0]):
+        record = memory[row]
+        _look(body, q[row], qd[row], goal[row], period, state, record)
+        notice_discs(gains, record, positions[row], velocities[row], period, trends)
         if record.decided:
             record.decided = False
         else:
-            goal_postures(body, goal[lane, 0], goal[lane, 1], state.postures)
+            goal_postures(body, goal[row, 0], goal[row, 1], state.postures)
             _choose_elbow(body, gains, state, record)
-            forecast(gains, sight, positions[lane], trends, places[count])
-            scene = Scene(body, gains, state, sight, places[count], radii[lane])
+            forecast(gains, sight, positions[row], trends, places[count])
+            scene = Scene(body, gains, state, sight, places[count], radii[row])
             if count == 0:
                 choose_well(scene, record)
             else:
-                places[:count], chances[:count] = futures[lane], (1.0 - hedge.inertia) * weights[lane]
+                places[:count], chances[:count] = futures[row], (1.0 - hedge.inertia) * weights[row]
                 chances[count] = hedge.inertia
                 leave_out_unlikely(chances)
                 choose_hedged(scene, places, chances, hedge, options, record)
         record.begun = True
         for i in range(2):
-            error, strength = record.well[i] - q[lane, i], record.share * body.hardest[i]
-            qdd[lane, i] = joint_attraction(error, qd[lane, i], strength, body.top[i], 1.0 / period)
-        keep_limits(body, q[lane], qd[lane], period, qdd[lane])
+            error, strength = record.well[i] - q[row, i], record.share * body.hardest[i]
+            qdd[row, i] = joint_attraction(error, qd[row, i], strength, body.top[i], 1.0 / period)
+        keep_limits(body, q[row], qd[row], period, qdd[row])
 
 
 @njit(cache=True, nogil=True)
 def _look(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
-    """Fill in the state of a lane; for how long it has held its goal so far."""
+    """Fill in the state of a row; for how long it has held its goal so far."""
     angle = 0.0
     x = y = 0.0
     for i in range(2):

@@ -1,4 +1,4 @@
-"""From the potential on the hand to joint velocities (eq 16 to 18), compiled and batched over lanes.
+"""From the potential on the hand to joint velocities (eq 16 to 18), compiled and batched.
 
 "Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong): the hand moves
 down the gradient (eq 16), and the inverse of the Jacobian turns its velocity into the joints' (eq 17, 18). Only the
@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
-from planners.apf.khatib import Gains, gradient_lane, make_gains
-from planners.robot.kinematics import hand_state_lane
+from planners.apf.khatib import Gains, gradient_single, make_gains
+from planners.robot.kinematics import hand_state_single
 from planners.typing import Array
 
 Distance = Literal["table", "static"]
@@ -71,7 +71,7 @@ def make_field(
 
 
 @njit(cache=True, nogil=True)
-def joint_rates_lane(lengths: Array, q: Array, velocity: Array, rates: Array) -> None:
+def joint_rates_single(lengths: Array, q: Array, velocity: Array, rates: Array) -> None:
     """Joint velocities (rad/s) of a two-link arm, written to ``rates``, that move its hand at ``velocity`` (m/s).
 
     Eq 18, damped near its singularity; all arguments ``(2,)``.
@@ -95,7 +95,7 @@ def joint_rates_lane(lengths: Array, q: Array, velocity: Array, rates: Array) ->
 
 
 @njit(cache=True, nogil=True)
-def hand_velocity_lane(
+def hand_velocity_single(
     field: HandField,
     hand: Array,
     hand_velocity: Array,
@@ -120,7 +120,7 @@ def hand_velocity_lane(
         dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
         vx, vy = velocities[k, 0] - hand_velocity[0], velocities[k, 1] - hand_velocity[1]
         shifts[k] = disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
-    gradient_lane(field.gains, hand, goal, positions, radii, shifts, velocity)
+    gradient_single(field.gains, hand, goal, positions, radii, shifts, velocity)
     velocity[0] = -velocity[0]
     velocity[1] = -velocity[1]
 
@@ -138,27 +138,27 @@ def hand_rates(
     velocities: Array,
     radii: Array,
 ) -> Array:
-    """Joint velocities the field asks for now, ``(lanes, 2)``, rad/s: what a reactive expert tracks.
+    """Joint velocities the field asks for now, ``(batch, 2)``, rad/s: what a reactive expert tracks.
 
     Args:
         lengths, base: of the two-link arm, each ``(2,)``, m.
         field: of :func:`make_field`.
         rate_limits: largest joint velocities, ``(2,)``, rad/s; both joints slow down together, so that the hand keeps
             its direction. inf: none.
-        q, qd: joint angles and velocities, ``(lanes, 2)``.
-        goals: of the hands, ``(lanes, 2)``, m.
-        positions, velocities: of the discs, ``(lanes, k, 2)``, m and m/s; k may be 0.
-        radii: of the discs, grown by that of the hand, ``(lanes, k)``, m.
+        q, qd: joint angles and velocities, ``(batch, 2)``.
+        goals: of the hands, ``(batch, 2)``, m.
+        positions, velocities: of the discs, ``(batch, k, 2)``, m and m/s; k may be 0.
+        radii: of the discs, grown by that of the hand, ``(batch, k)``, m.
     """
     rates = np.empty_like(q)
     hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
-    for lane in range(q.shape[0]):
-        hand_state_lane(lengths, base, q[lane], qd[lane], hand, hand_velocity)
-        hand_velocity_lane(
-            field, hand, hand_velocity, goals[lane], positions[lane], velocities[lane], radii[lane], velocity
+    for row in range(q.shape[0]):
+        hand_state_single(lengths, base, q[row], qd[row], hand, hand_velocity)
+        hand_velocity_single(
+            field, hand, hand_velocity, goals[row], positions[row], velocities[row], radii[row], velocity
         )
-        joint_rates_lane(lengths, q[lane], velocity, rates[lane])
-        excess = max(1.0, abs(rates[lane, 0]) / rate_limits[0], abs(rates[lane, 1]) / rate_limits[1])
-        rates[lane, 0] /= excess
-        rates[lane, 1] /= excess
+        joint_rates_single(lengths, q[row], velocity, rates[row])
+        excess = max(1.0, abs(rates[row, 0]) / rate_limits[0], abs(rates[row, 1]) / rate_limits[1])
+        rates[row, 0] /= excess
+        rates[row, 1] /= excess
     return rates

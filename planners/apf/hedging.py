@@ -69,11 +69,11 @@ class HedgeGains:
 
 
 class Futures(NamedTuple):
-    """Several ways that the discs of each lane may go.
+    """Several ways that the discs of each row may go.
 
     Attributes:
-        places: of the discs, `STEP` apart and `STEP` from now, ``(lanes, futures, steps, discs, 2)``, m.
-        weights: probabilities, ``(lanes, futures)``.
+        places: of the discs, `STEP` apart and `STEP` from now, ``(batch, futures, steps, discs, 2)``, m.
+        weights: probabilities, ``(batch, futures)``.
         hedge: how they are weighed.
     """
 
@@ -83,7 +83,7 @@ class Futures(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Room for the proposals of one lane, and for what becomes of each in each future.
+    """Room for the proposals of one row, and for what becomes of each in each future.
 
     Attributes:
         proposals: records, ``(MOST_OPTIONS,)``.
@@ -118,15 +118,15 @@ def leave_out_unlikely(weights: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def choose_hedged(scene: Scene, futures: Array, weights: Array, hedge: Any, options: Options, record: Any) -> None:
-    """Choose the well that draws the lane, and write it to the record.
+    """Choose the well that draws the row, and write it to the record.
 
     Args:
-        scene: of the lane; its own places are not looked at.
+        scene: of the row; its own places are not looked at.
         futures: places of the discs, ``(futures, steps, discs, 2)``, m from the base.
         weights: probabilities of the futures, ``(futures,)``; those of 0 are not looked at.
         hedge: a record of `HedgeGains`.
         options: room for as many futures.
-        record: what is remembered of the lane.
+        record: what is remembered of the row.
     """
     record.decided = True
     clear, pressing, outlook = _straight_on(scene, futures, weights, hedge, options, record)

@@ -22,9 +22,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from planners.control import held_torque_lane, share_within
+from planners.control import held_torque_single, share_within
 from planners.robot.arm import Arm
-from planners.robot.dynamics import inverse_dynamics_lane
+from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 BRAKING_SHARE = 0.9
@@ -48,13 +48,13 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
     Args:
         arm: with any number of links. Its joint ranges are kept by moves from rest within them, which are straight
             lines in joint space as long as the torques suffice.
-        q, qd: joint angles and velocities, ``(lanes, n)``.
-        goal: joint angles to reach, ``(lanes, n)``, rad.
-        time_left: until the joints shall rest there, a number or ``(lanes,)``, s; counted in whole periods.
+        q, qd: joint angles and velocities, ``(batch, n)``.
+        goal: joint angles to reach, ``(batch, n)``, rad.
+        time_left: until the joints shall rest there, a number or ``(batch,)``, s; counted in whole periods.
         period: control period, s.
 
     Returns:
-        Mean joint accelerations over the next period, ``(lanes, n)``, rad/s^2, scaled down lane by lane where their
+        Mean joint accelerations over the next period, ``(batch, n)``, rad/s^2, scaled down row by row where their
         torques would exceed the limits.
 
     Raises:
@@ -100,17 +100,17 @@ def _reach(
     period: float,
     out: Array,
 ) -> None:
-    for lane in range(q.shape[0]):
-        left = periods[lane] * period
-        braking = _braking_time(coupling, weight, torque, q[lane], goal[lane], left)
+    for row in range(q.shape[0]):
+        left = periods[row] * period
+        braking = _braking_time(coupling, weight, torque, q[row], goal[row], left)
         braking = max(braking, _LEAST_BRAKING * period)
         for i in range(q.shape[1]):
-            error = goal[lane, i] - q[lane, i]
+            error = goal[row, i] - q[row, i]
             if left <= braking:
-                out[lane, i] = least_acceleration(error, qd[lane, i], periods[lane], period)
+                out[row, i] = least_acceleration(error, qd[row, i], periods[row], period)
             else:
-                out[lane, i] = (error / (left - braking / 3.0) - qd[lane, i]) / period
-        _fit_torque(coupling, weight, torque, q[lane], qd[lane], period, out[lane])
+                out[row, i] = (error / (left - braking / 3.0) - qd[row, i]) / period
+        _fit_torque(coupling, weight, torque, q[row], qd[row], period, out[row])
 
 
 @njit(cache=True, nogil=True)
@@ -122,8 +122,8 @@ def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal:
     """
     n = q.shape[0]
     still, held, inertial = np.zeros(n), np.empty(n), np.empty(n)
-    inverse_dynamics_lane(coupling, weight, goal, still, still, held)
-    inverse_dynamics_lane(coupling, weight, goal, still, goal - q, inertial)
+    inverse_dynamics_single(coupling, weight, goal, still, still, held)
+    inverse_dynamics_single(coupling, weight, goal, still, goal - q, inertial)
     least = 0.0
     for i in range(n):
         room = max(BRAKING_SHARE * torque[i] - abs(held[i]), _LEAST_ROOM * torque[i])
@@ -140,9 +140,9 @@ def _fit_torque(coupling: Array, weight: Array, torque: Array, q: Array, qd: Arr
     """
     n = q.shape[0]
     still, wanted = np.empty(n), np.empty(n)
-    held_torque_lane(coupling, weight, q, qd, np.zeros(n), period, still)
+    held_torque_single(coupling, weight, q, qd, np.zeros(n), period, still)
     for _ in range(_PASSES):
-        held_torque_lane(coupling, weight, q, qd, qdd, period, wanted)
+        held_torque_single(coupling, weight, q, qd, qdd, period, wanted)
         share = 1.0
         for i in range(n):
             share = min(share, share_within(still[i], wanted[i], TORQUE_SHARE * torque[i]))

@@ -107,7 +107,7 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
 
 
 @njit(cache=True, nogil=True)
-def gradient_lane(
+def gradient_single(
     gains: Gains, hand: Array, goal: Array, positions: Array, radii: Array, shifts: Array, gradient: Array
 ) -> None:
     """Gradient (eq 2) of the total potential at one hand, m/s, written to ``gradient``, ``(2,)``.

@@ -17,7 +17,7 @@ from numba import njit
 from planners.apf.attraction import attraction, linear_field
 from planners.control.joint_limits import smooth_bounds
 from planners.robot.arm import Arm, JointLimits
-from planners.robot.dynamics import inverse_dynamics_lane, mass_matrix_lane
+from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
 from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
@@ -84,17 +84,17 @@ def approach(
 
     Args:
         arm: with two links.
-        q, qd: joint angles and velocities, ``(lanes, 2)``.
-        qdd: mean joint accelerations of the last control period, ``(lanes, 2)``: what jerk is counted from. Better
+        q, qd: joint angles and velocities, ``(batch, 2)``.
+        qdd: mean joint accelerations of the last control period, ``(batch, 2)``: what jerk is counted from. Better
             those that were asked for than those that were measured: with an unknown payload the two differ, and counted
             from what has fallen short the field cannot build up its force.
-        target: position, velocity and acceleration of the target, each ``(lanes, 2)``, m, m/s, m/s^2.
+        target: position, velocity and acceleration of the target, each ``(batch, 2)``, m, m/s, m/s^2.
         period: control period, s.
         bandwidth: natural frequency of the field close to the target, rad/s; `BANDWIDTH` / period by default.
         limits: what the joints may do; the arm's own by default. Joint ranges are not looked at.
 
     Returns:
-        Mean joint accelerations over the next period, ``(lanes, 2)``, rad/s^2. They are always within `smooth_bounds`,
+        Mean joint accelerations over the next period, ``(batch, 2)``, rad/s^2. They are always within `smooth_bounds`,
         which keep the limits of velocity, acceleration and jerk; and within those of torque as far as these allow.
 
     Raises:
@@ -126,13 +126,13 @@ def approach(
 def _approach(
     model: _Model, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
-    for lane in range(q.shape[0]):
-        seen = _Target(target.position[lane], target.velocity[lane], target.acceleration[lane])
-        _approach_lane(model, q[lane], qd[lane], qdd[lane], seen, period, bandwidth, out[lane])
+    for row in range(q.shape[0]):
+        seen = _Target(target.position[row], target.velocity[row], target.acceleration[row])
+        _approach_single(model, q[row], qd[row], qdd[row], seen, period, bandwidth, out[row])
 
 
 @njit(cache=True, nogil=True)
-def _approach_lane(
+def _approach_single(
     model: _Model, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
     lower, upper = np.empty(2), np.empty(2)
@@ -226,8 +226,8 @@ def _response_at_meeting(model: _Model, q: Array, target: _Target, way: _Pair, x
 @njit(cache=True, nogil=True)
 def _response(model: _Model, q: Array, qd: Array, still: _Pair, slope: _Pair) -> _Response:
     mass, bias = np.empty((2, 2)), np.empty(2)
-    mass_matrix_lane(model.coupling, q, mass)
-    inverse_dynamics_lane(model.coupling, model.weight, q, qd, np.zeros(2), bias)
+    mass_matrix_single(model.coupling, q, mass)
+    inverse_dynamics_single(model.coupling, model.weight, q, qd, np.zeros(2), bias)
     return _Response(still, slope, mass, bias)
 
 

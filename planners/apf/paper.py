@@ -26,13 +26,13 @@ from planners.apf.hand_field import (
     REPULSION,
     Distance,
     HandField,
-    hand_velocity_lane,
-    joint_rates_lane,
+    hand_velocity_single,
+    joint_rates_single,
     make_field,
 )
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
-from planners.robot.clearance import clearance_lane
-from planners.robot.kinematics import hand_state_lane
+from planners.robot.clearance import clearance_single
+from planners.robot.kinematics import hand_state_single
 from planners.typing import Array
 
 PERIOD = 1e-4
@@ -226,13 +226,13 @@ def _follow(
     last = steps
     for i in range(steps + 1):
         positions = start_positions + i * period * velocities
-        hand_state_lane(lengths, base, q[i], measured, hand, hand_velocity)
-        hand_velocity_lane(field, hand, hand_velocity, goal, positions, velocities, grown, velocity)
-        joint_rates_lane(lengths, q[i], velocity, qd[i])
+        hand_state_single(lengths, base, q[i], measured, hand, hand_velocity)
+        hand_velocity_single(field, hand, hand_velocity, goal, positions, velocities, grown, velocity)
+        joint_rates_single(lengths, q[i], velocity, qd[i])
         measured += blend * (qd[i] - measured)
         for k in range(radii.shape[0]):
             x, y = positions[k]
-            clearance[i] = min(clearance[i], clearance_lane(lengths, base, link_radius, q[i], x, y, radii[k]))
+            clearance[i] = min(clearance[i], clearance_single(lengths, base, link_radius, q[i], x, y, radii[k]))
             hand_clearance[i] = min(hand_clearance[i], np.hypot(hand[0] - x, hand[1] - y) - grown[k])
         arrived = i > 0 and np.hypot(hand[0] - goal[0], hand[1] - goal[1]) <= tolerance  # a motion has two samples
         if arrived or clearance[i] < 0.0:
@@ -279,7 +279,7 @@ def _failure(problem: MotionProblem, motion: FieldMotion) -> Infeasible:
 
 
 def posture(lengths: ArrayLike, hand: ArrayLike, elbow: int = 1, *, as_printed: bool = False) -> Array:
-    """Joint angles of a two-link arm by eq 13 to 15, ``(2,)`` or ``(lanes, 2)``, rad; NaN out of reach.
+    """Joint angles of a two-link arm by eq 13 to 15, ``(2,)`` or ``(batch, 2)``, rad; NaN out of reach.
 
     The arc tangents have to be of two arguments. Eq 14 as printed is half a turn off where the elbow is bent by more
     than 90 degrees. Eq 15 as printed, its ``atan(x, y)`` the arc tangent of x / y as its second fraction suggests,
@@ -287,7 +287,7 @@ def posture(lengths: ArrayLike, hand: ArrayLike, elbow: int = 1, *, as_printed: 
 
     Args:
         lengths: of the links, ``(2,)``, m.
-        hand: relative to the base, ``(2,)`` or ``(lanes, 2)``, m.
+        hand: relative to the base, ``(2,)`` or ``(batch, 2)``, m.
         elbow: 1 or -1, the sign of eq 14.
         as_printed: with the paper's slips.
     """

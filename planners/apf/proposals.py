@@ -3,7 +3,7 @@
 The wells of both elbows; as detours, to go on with the last one, to wait, and wells displaced from where the arm would
 come to rest: along the repulsion, against it, and along the circulation in either sense, which is round the disc in
 front of it and behind it; for good, to stay, and to retreat to a folded arm. The one that costs least according to
-:func:`planners.apf.safety.look_ahead` is taken. That is what gets a lane out of the local minima of a sum of forces.
+:func:`planners.apf.safety.look_ahead` is taken. That is what gets a row out of the local minima of a sum of forces.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WELL_MARGIN = 0.02
 
 @njit(cache=True, nogil=True)
 def choose_well(scene: Scene, record: Any) -> None:
-    """Choose the well that draws the lane, and write it to the record."""
+    """Choose the well that draws the row, and write it to the record."""
     gains, goals = scene.gains, scene.state.postures
     elbow, other = record.elbow, 1 - record.elbow
     was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
@@ -63,7 +63,7 @@ def choose_well(scene: Scene, record: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _try_refuge(scene: Scene, record: Any, refuge: Proposal, least: float) -> float:
-    """Like `_try_well` for one that draws the lane for good: that costs the way back at least."""
+    """Like `_try_well` for one that draws the row for good: that costs the way back at least."""
     way_back = to_go(scene.body, scene.state, refuge.q1, refuge.q2, 0.0, 0.0)
     return least if way_back > least else _try_well(scene, record, refuge, least, 0.0)
 

@@ -53,7 +53,7 @@ STATE = [
     ("postures", "f8", (2, 2)),
     ("handicaps", "f8", (2,)),
 ]
-"""Where the motion of a lane begins, and where to: joint angles and velocities; directions of the links; the goal, m
+"""Where the motion of a row begins, and where to: joint angles and velocities; directions of the links; the goal, m
 from the base, and how close counts as there, m; for how long it has been held and is to be, s; its two postures, rad,
 and what each of them is worse by, s, infinite if it cannot be had."""
 
@@ -109,7 +109,7 @@ class Outlook(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What a lane sees when it looks ahead.
+    """What a row sees when it looks ahead.
 
     Attributes:
         body: a record of `whole_arm.BODY`.
@@ -224,7 +224,7 @@ def _cornered(body: Any, gains: Any, q1: float, side: float, away: float) -> flo
 
 @njit(cache=True, nogil=True)
 def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> None:
-    """Change the accelerations of one lane, ``(2,)``, so that they keep the limits of velocity, range and torque.
+    """Change the accelerations of one row, ``(2,)``, so that they keep the limits of velocity, range and torque.
 
     A joint brakes before its end stop with half of its largest acceleration, which leaves torque for the other joint.
     Torques are brought within their limits by scaling both accelerations.

@@ -165,7 +165,7 @@ def held_torques(body: Any, q: Array, qd: Array, qdd1: float, qdd2: float, perio
 
 @njit(cache=True, nogil=True)
 def notice_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
-    """The velocity that each disc of a lane is to have, and the change to it, written to ``trends``, ``(discs, 4)``.
+    """The velocity that each disc of a row is to have, and the change to it, written to ``trends``, ``(discs, 4)``.
 
     A disc takes on the velocity that it is to have like a first-order lag does, so that shows in how its velocity
     changes. Discs slide along the ring round the base that they do not enter; what they do there hides the velocity,
@@ -173,7 +173,7 @@ def notice_discs(gains: Any, record: Any, positions: Array, velocities: Array, p
 
     Args:
         gains: a record of `DodgeGains`.
-        record: what is remembered of the lane; its ``begun`` is read, its ``seen`` read and written.
+        record: what is remembered of the row; its ``begun`` is read, its ``seen`` read and written.
         positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
         period: time since the last call, s.
         trends: the answer, m/s.
@@ -192,7 +192,7 @@ def notice_discs(gains: Any, record: Any, positions: Array, velocities: Array, p
 
 @njit(cache=True, nogil=True)
 def forecast(gains: Any, sight: Any, positions: Array, trends: Array, places: Array) -> None:
-    """Where the discs of one lane will be, written to ``places``, ``(steps, discs, 2)``, m from the base.
+    """Where the discs of one row will be, written to ``places``, ``(steps, discs, 2)``, m from the base.
 
     Args:
         gains: a record of `DodgeGains`.

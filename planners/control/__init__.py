@@ -2,7 +2,7 @@
 
 :mod:`planners.control.tracking` follows with a model that is right: computed torque, in continuous and in sampled form.
 The controllers of :mod:`planners.control.fixed` and :mod:`planners.control.adaptive` follow with a payload that is not
-known; all have the interface of `Controller`, over any `ArmModel`, for many lanes at once.
+known; all have the interface of `Controller`, over any `ArmModel`, for many rows at once.
 """
 
 from planners.control.adaptive import AdaptiveComputedTorque, AdaptiveController, IntegralSlotineLi, SlotineLi
@@ -15,7 +15,7 @@ from planners.control.tracking import (
     Gains,
     computed_torque,
     held_torque,
-    held_torque_lane,
+    held_torque_single,
     share_within,
     tracking_acceleration,
     within_torque,
@@ -40,7 +40,7 @@ __all__ = [
     "Weighing",
     "computed_torque",
     "held_torque",
-    "held_torque_lane",
+    "held_torque_single",
     "share_within",
     "tracking_acceleration",
     "within_torque",

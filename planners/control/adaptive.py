@@ -19,21 +19,21 @@ class AdaptiveController(Controller):
     """A controller with an adaptation law.
 
     Args:
-        model, settings, lanes: as for every controller.
+        model, settings, rows: as for every controller.
         prior: first estimate and bounds of the parameters.
         gain: Gamma, how fast each parameter follows, ``(p,)``; its unit depends on the law.
     """
 
     def __init__(
-        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, lanes: int = 1
+        self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, rows: int = 1
     ) -> None:
         if np.shape(gain) != (model.n_parameters,) or not np.all(np.asarray(gain) >= 0.0):
             raise ValueError(f"gain {gain} must be {model.n_parameters} numbers that are not negative")
         self.gain = gain
-        super().__init__(model, settings, prior, lanes)
+        super().__init__(model, settings, prior, rows)
 
     def _adapt(self, regressor: Array, direction: Array) -> None:
-        """One period of ``parameters' = gain regressor^T direction``, ``(lanes, n, p)`` and ``(lanes, n)``."""
+        """One period of ``parameters' = gain regressor^T direction``, ``(batch, n, p)`` and ``(batch, n)``."""
         rate = self.gain * np.einsum("lnp,ln->lp", regressor, direction)
         moved = self.parameters + self.settings.period * rate
         np.clip(moved, self.prior.lower, self.prior.upper, out=self.parameters)
@@ -80,7 +80,7 @@ class SlotineLi(AdaptiveController):
         self._adapt(self.model.regressor(sample.q, sample.qd, qd_r, qdd_r), free * (qd_r - sample.qd))
 
     def _reference(self, sample: Sample) -> tuple[Array, Array]:
-        """Reference velocity and acceleration, ``(lanes, n)``, rad/s and rad/s^2."""
+        """Reference velocity and acceleration, ``(batch, n)``, rad/s and rad/s^2."""
         bandwidth = self.settings.bandwidth
         return sample.qd_d + bandwidth * sample.error, sample.qdd_d + bandwidth * sample.error_rate
 

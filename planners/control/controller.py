@@ -1,4 +1,4 @@
-"""What every controller has in common: lanes, settings, a belief about the payload, and torques within their limits."""
+"""What every controller has in common: rows, settings, a belief about the payload, and torques within their limits."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class PayloadPrior:
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample of the loop, ``(lanes, n)`` each: what is measured, and what is wanted (``_d``)."""
+    """One sample of the loop, ``(batch, n)`` each: what is measured, and what is wanted (``_d``)."""
 
     q: Array
     qd: Array
@@ -81,7 +81,7 @@ class Sample:
 class Controller(ABC):
     """A sampled tracking controller of an arm with a payload.
 
-    Arrays have a leading axis of lanes, arms that know nothing of each other; one arm is a batch of one. What the law
+    Arrays have a leading axis of rows, arms that know nothing of each other; one arm is a batch of one. What the law
     carries from sample to sample is in `memory`, which can be taken out and put back: one controller then serves many
     loops in turn.
 
@@ -89,7 +89,7 @@ class Controller(ABC):
         model: the arm as the controller knows it.
         settings: gains and limits.
         prior: what it takes the payload for.
-        lanes: how many arms.
+        rows: how many arms.
 
     Raises:
         ValueError: if settings or prior do not fit the model.
@@ -98,25 +98,25 @@ class Controller(ABC):
     _carried_at_first: ClassVar[float] = 0.0
     """What a joint's carried number is before the first sample."""
 
-    def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, lanes: int = 1) -> None:
+    def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, rows: int = 1) -> None:
         for name in ("bandwidth", "inertia", "torque_limit"):
             _refuse_shape(name, getattr(settings, name), model.n_joints, "joints")
         _refuse_shape("initial", prior.initial, model.n_parameters, "parameters of the payload")
-        self.model, self.settings, self.prior, self.lanes = model, settings, prior, lanes
-        self._memory: Array = np.empty((lanes, model.n_parameters + model.n_joints))
+        self.model, self.settings, self.prior, self.rows = model, settings, prior, rows
+        self._memory: Array = np.empty((rows, model.n_parameters + model.n_joints))
         self.parameters: Array = self._memory[:, : model.n_parameters]
         self._carried: Array = self._memory[:, model.n_parameters :]
         self.reset()
 
-    def reset(self, lanes: NDArray[np.bool_] | None = None) -> None:
-        """Forget what was learnt, in the lanes of a mask ``(lanes,)`` or in all of them."""
-        chosen = slice(None) if lanes is None else lanes
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
+        """Forget what was learnt, in the rows of a mask ``(batch,)`` or in all of them."""
+        chosen = slice(None) if rows is None else rows
         self.parameters[chosen] = self.prior.initial
         self._carried[chosen] = self._carried_at_first
 
     @property
     def memory(self) -> Array:
-        """What is carried to the next sample, ``(lanes, p + n)``: the estimates, then one number a joint.
+        """What is carried to the next sample, ``(batch, p + n)``: the estimates, then one number a joint.
 
         That number is the integral of the error, or whatever else the law needs. Reading gives a copy.
 
@@ -133,7 +133,7 @@ class Controller(ABC):
 
     @property
     def mass_estimate(self) -> Array:
-        """What it takes the payload to weigh now, ``(lanes,)``, kg."""
+        """What it takes the payload to weigh now, ``(batch,)``, kg."""
         mass: Array = self.parameters[:, 0]
         return mass
 
@@ -143,13 +143,13 @@ class Controller(ABC):
         """Torques to hold for a period, within the limits; learns from the sample.
 
         Args:
-            q, qd: measured angles and velocities, ``(lanes, n)``.
-            q_d, qd_d, qdd_d: wanted angles, velocities and accelerations, ``(lanes, n)``.
-            within: least and largest torques that can be had at this sample, ``(lanes, n)`` each, N m; the limits of
+            q, qd: measured angles and velocities, ``(batch, n)``.
+            q_d, qd_d, qdd_d: wanted angles, velocities and accelerations, ``(batch, n)``.
+            within: least and largest torques that can be had at this sample, ``(batch, n)`` each, N m; the limits of
                 the settings when left out.
 
         Returns:
-            ``(lanes, n)``, N m.
+            ``(batch, n)``, N m.
         """
         sample = Sample(q, qd, q_d, qd_d, qdd_d)
         wanted = self._wanted(sample)

@@ -10,7 +10,7 @@ from planners.typing import Array
 class ArmModel(Protocol):
     """Equations of motion, linear in the parameters of a payload: ``tau = tau_0 + Y parameters``.
 
-    States, velocities and accelerations are ``(lanes, n)``, parameters ``(lanes, p)``; the first parameter is the mass
+    States, velocities and accelerations are ``(batch, n)``, parameters ``(batch, p)``; the first parameter is the mass
     of the payload, kg.
     """
 
@@ -29,9 +29,9 @@ class ArmModel(Protocol):
         ...
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """``Y``, the derivative of `torque` by the parameters, ``(lanes, n, p)``."""
+        """``Y``, the derivative of `torque` by the parameters, ``(batch, n, p)``."""
         ...
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
-        """``M``, ``(lanes, n, n)``, kg m^2."""
+        """``M``, ``(batch, n, n)``, kg m^2."""
         ...

@@ -20,13 +20,13 @@ take a thousandth of a torque limit. It is nothing beside any motion, and keeps 
 
 @dataclass(frozen=True)
 class Weighing:
-    """What the samples of each lane say so far.
+    """What the samples of each row say so far.
 
     Attributes:
-        regressor: filtered torques of a payload of 1 kg, shares of the limits, ``(lanes, n)``.
-        residual: filtered torques that the arm without payload does not explain, shares of the limits, ``(lanes, n)``.
-        information: sum of the squares of the regressors, 1/kg^2, ``(lanes,)``.
-        correlation: sum of the products of regressors and residuals, 1/kg, ``(lanes,)``.
+        regressor: filtered torques of a payload of 1 kg, shares of the limits, ``(batch, n)``.
+        residual: filtered torques that the arm without payload does not explain, shares of the limits, ``(batch, n)``.
+        information: sum of the squares of the regressors, 1/kg^2, ``(batch,)``.
+        correlation: sum of the products of regressors and residuals, 1/kg, ``(batch,)``.
     """
 
     regressor: Array
@@ -35,13 +35,13 @@ class Weighing:
     correlation: Array
 
     @classmethod
-    def nothing(cls, lanes: int, n_joints: int) -> Weighing:
+    def nothing(cls, rows: int, n_joints: int) -> Weighing:
         """Before the first sample."""
-        return cls(np.zeros((lanes, n_joints)), np.zeros((lanes, n_joints)), np.zeros(lanes), np.zeros(lanes))
+        return cls(np.zeros((rows, n_joints)), np.zeros((rows, n_joints)), np.zeros(rows), np.zeros(rows))
 
-    def restarted(self, lanes: NDArray[np.bool_]) -> Weighing:
-        """The same, with nothing known of some lanes, ``(lanes,)``."""
-        kept = ~lanes
+    def restarted(self, rows: NDArray[np.bool_]) -> Weighing:
+        """The same, with nothing known of some rows, ``(batch,)``."""
+        kept = ~rows
         return Weighing(
             self.regressor * kept[:, None],
             self.residual * kept[:, None],
@@ -51,7 +51,7 @@ class Weighing:
 
     @property
     def mass(self) -> Array:
-        """The estimate, ``(lanes,)``, kg; never negative."""
+        """The estimate, ``(batch,)``, kg; never negative."""
         return np.maximum(0.0, self.correlation / (self.information + PRIOR))
 
 
@@ -92,9 +92,9 @@ class PayloadScale:
 
         Args:
             before: what was known at its beginning.
-            q, qd: angles and velocities at its end, ``(lanes, n)``.
-            qdd: mean accelerations over it, ``(lanes, n)``.
-            tau: torques that were held, ``(lanes, n)``, N m.
+            q, qd: angles and velocities at its end, ``(batch, n)``.
+            qdd: mean accelerations over it, ``(batch, n)``.
+            tau: torques that were held, ``(batch, n)``, N m.
         """
         half = 0.5 * self._period
         qd_middle = qd - half * qdd

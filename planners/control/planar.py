@@ -28,16 +28,16 @@ class PlanarArmModel:
         self._unit_mass = np.outer(arm.length_array, arm.length_array), arm.gravity * arm.length_array
 
     def torque(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array, parameters: Array) -> Array:
-        """``M(q) qdd_r + C(q, qd) qd_r + g(q)``, N m, ``dM/dt - 2 C`` being skew; all ``(lanes, n)``."""
+        """``M(q) qdd_r + C(q, qd) qd_r + g(q)``, N m, ``dM/dt - 2 C`` being skew; all ``(batch, n)``."""
         motion = np.cumsum([q, qd, qd_r, qdd_r], axis=2)
         return _torque(*self._arm, motion) + parameters * _torque(*self._unit_mass, motion)
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """Torques for a mass of 1 kg alone, N m/kg, ``(lanes, n, 1)``."""
+        """Torques for a mass of 1 kg alone, N m/kg, ``(batch, n, 1)``."""
         return _torque(*self._unit_mass, np.cumsum([q, qd, qd_r, qdd_r], axis=2))[..., None]
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
-        """``M``, ``(lanes, n, n)``, kg m^2."""
+        """``M``, ``(batch, n, n)``, kg m^2."""
         coupling = self._arm[0] + parameters[:, :, None] * self._unit_mass[0]
         phi = np.cumsum(q, axis=1)
         absolute = coupling * np.cos(phi[:, :, None] - phi[:, None, :])
@@ -46,7 +46,7 @@ class PlanarArmModel:
 
 
 def _torque(coupling: Array, weight: Array, motion: Array) -> Array:
-    """Joint torques ``(lanes, n)``, N m, of a chain in absolute angles and their rates, ``(4, lanes, n)``."""
+    """Joint torques ``(batch, n)``, N m, of a chain in absolute angles and their rates, ``(4, rows, n)``."""
     phi, w, w_r, alpha_r = motion
     difference = phi[:, :, None] - phi[:, None, :]
     inertial = np.cos(difference) * alpha_r[:, None, :]

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from planners.robot.arm import Arm
-from planners.robot.dynamics import forward_dynamics_lane, inverse_dynamics_lane, mass_matrix_lane
+from planners.robot.dynamics import forward_dynamics_single, inverse_dynamics_single, mass_matrix_single
 from planners.typing import Array
 
 
@@ -39,7 +39,7 @@ def computed_torque(
 
     Args:
         arm: the arm as the controller knows it.
-        q, qd: measured joint angles and velocities, ``(n,)`` or ``(lanes, n)``.
+        q, qd: measured joint angles and velocities, ``(n,)`` or ``(batch, n)``.
         reference: wanted angles, velocities and accelerations, shaped like ``q``.
         gains: of the feedback.
 
@@ -66,14 +66,14 @@ def tracking_acceleration(
     torque held for the whole period reproduces the reference's velocity at the next sample, not only at this one.
 
     Args:
-        q, qd: measured joint angles and velocities, ``(lanes, n)``.
-        now: wanted angles and velocities at this sample, each ``(lanes, n)``.
+        q, qd: measured joint angles and velocities, ``(batch, n)``.
+        now: wanted angles and velocities at this sample, each ``(batch, n)``.
         ahead: the same at the next sample.
         period: control period T, s.
         gains: of the feedback.
 
     Returns:
-        ``(lanes, n)``, rad/s^2.
+        ``(batch, n)``, rad/s^2.
     """
     gains = gains or Gains()
     feed_forward = (ahead[1] - now[1]) / period
@@ -81,7 +81,7 @@ def tracking_acceleration(
 
 
 def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
-    """Torques ``(lanes, n)``, N m, that held for a period (s) give the mean accelerations ``qdd`` ``(lanes, n)``.
+    """Torques ``(batch, n)``, N m, that held for a period (s) give the mean accelerations ``qdd`` ``(batch, n)``.
 
     Inverse dynamics half a period ahead, and one correction by what those torques are predicted to do.
     """
@@ -91,15 +91,15 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
 
 
 def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
-    """Accelerations scaled down, lane by lane, until the torques held for a period fit the arm's limits.
+    """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
 
     Args:
         arm: the arm as the controller knows it.
-        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(lanes, n)``.
+        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(batch, n)``.
         period: control period, s.
 
     Returns:
-        ``(lanes, n)``, rad/s^2; zero in a lane whose limits not even zero acceleration keeps.
+        ``(batch, n)``, rad/s^2; zero in a row whose limits not even zero acceleration keeps.
     """
     limit = np.array(arm.limits.torque)
     still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
@@ -111,42 +111,42 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
 
 
 @njit(cache=True, nogil=True)
-def held_torque_lane(
+def held_torque_single(
     coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array
 ) -> None:
-    """One lane of `held_torque`: inverse dynamics in the state half a period ahead, written to ``tau``."""
+    """One row of `held_torque`: inverse dynamics in the state half a period ahead, written to ``tau``."""
     half = 0.5 * period
     q_half, qd_half = np.empty_like(q), np.empty_like(q)
     for i in range(q.shape[0]):
         qd_half[i] = qd[i] + half * qdd[i]
         q_half[i] = q[i] + half * (qd[i] + 0.5 * half * qdd[i])
-    inverse_dynamics_lane(coupling, weight, q_half, qd_half, qdd, tau)
+    inverse_dynamics_single(coupling, weight, q_half, qd_half, qdd, tau)
 
 
 @njit(cache=True, nogil=True)
 def _held_torque(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array) -> None:
     n = q.shape[1]
     m, predicted = np.empty((n, n)), np.empty(n)
-    for lane in range(q.shape[0]):
-        held_torque_lane(coupling, weight, q[lane], qd[lane], qdd[lane], period, tau[lane])
-        _mean_acceleration(coupling, weight, q[lane], qd[lane], tau[lane], period, predicted)
-        mass_matrix_lane(coupling, q[lane], m)
+    for row in range(q.shape[0]):
+        held_torque_single(coupling, weight, q[row], qd[row], qdd[row], period, tau[row])
+        _mean_acceleration(coupling, weight, q[row], qd[row], tau[row], period, predicted)
+        mass_matrix_single(coupling, q[row], m)
         for i in range(n):
             for j in range(n):
-                tau[lane, i] += m[i, j] * (qdd[lane, j] - predicted[j])
+                tau[row, i] += m[i, j] * (qdd[row, j] - predicted[j])
 
 
 @njit(cache=True, nogil=True)
 def _mean_acceleration(
     coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, period: float, mean: Array
 ) -> None:
-    """Mean acceleration of one lane over a period under held torques, by one step of Runge-Kutta 4."""
+    """Mean acceleration of one row over a period under held torques, by one step of Runge-Kutta 4."""
     k1, k2, k3, k4 = np.empty_like(q), np.empty_like(q), np.empty_like(q), np.empty_like(q)
     half = 0.5 * period
-    forward_dynamics_lane(coupling, weight, q, qd, tau, k1)
-    forward_dynamics_lane(coupling, weight, q + half * qd, qd + half * k1, tau, k2)
-    forward_dynamics_lane(coupling, weight, q + half * (qd + half * k1), qd + half * k2, tau, k3)
-    forward_dynamics_lane(coupling, weight, q + period * (qd + half * k2), qd + period * k3, tau, k4)
+    forward_dynamics_single(coupling, weight, q, qd, tau, k1)
+    forward_dynamics_single(coupling, weight, q + half * qd, qd + half * k1, tau, k2)
+    forward_dynamics_single(coupling, weight, q + half * (qd + half * k1), qd + half * k2, tau, k3)
+    forward_dynamics_single(coupling, weight, q + period * (qd + half * k2), qd + period * k3, tau, k4)
     mean[:] = (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
 
 

@@ -58,7 +58,7 @@ def make_controller(
     name: str = DEFAULT,
     *,
     moments: bool = True,
-    lanes: int = 1,
+    rows: int = 1,
     period: float = 0.005,
     machine: Excavator = EXCAVATOR,
 ) -> Controller:
@@ -67,7 +67,7 @@ def make_controller(
     Args:
         name: of `FIXED` or `ADAPTIVE`.
         moments: learn how far the payload's centre is off, too, not the mass alone; nothing to a fixed controller.
-        lanes: how many arms.
+        rows: how many arms.
         period: between two samples, s.
         machine: the attachment as the controller knows it.
 
@@ -83,14 +83,14 @@ def make_controller(
         inertia=np.diag(dynamics.mass_matrix(posture)[0]).copy(),
         torque_limit=machine.torque_limit_array,
     )
-    return _make(name, model, settings, lanes)
+    return _make(name, model, settings, rows)
 
 
 def make_planar_controller(
     name: str = DEFAULT,
     *,
     moments: bool = True,
-    lanes: int = 1,
+    rows: int = 1,
     period: float = 0.02,
     machine: Excavator = EXCAVATOR,
 ) -> Controller:
@@ -104,16 +104,16 @@ def make_planar_controller(
         inertia=np.diag(model.mass_matrix(np.radians([TYPICAL_POSTURE]), load)[0]).copy(),
         torque_limit=machine.torque_limit_array[JOINTS],
     )
-    return _make(name, model, settings, lanes, PLANAR_GAIN_SHARE.get(name, 1.0))
+    return _make(name, model, settings, rows, PLANAR_GAIN_SHARE.get(name, 1.0))
 
 
-def _make(name: str, model: PayloadModel, settings: ControlSettings, lanes: int, gain_share: float = 1.0) -> Controller:
+def _make(name: str, model: PayloadModel, settings: ControlSettings, rows: int, gain_share: float = 1.0) -> Controller:
     upper = np.array([HEAVIEST, *(model.n_parameters - 1) * [HEAVIEST * FARTHEST]])
     prior = PayloadPrior(initial=np.zeros_like(upper), lower=np.array([0.0, *-upper[1:]]), upper=upper)
     if name in FIXED:
-        return FIXED[name](model, settings, prior, lanes)
+        return FIXED[name](model, settings, prior, rows)
     if name not in ADAPTIVE:
         raise ValueError(f"controller {name!r} must be one of {', '.join(map(repr, [*FIXED, *ADAPTIVE]))}")
     kind, gain = ADAPTIVE[name]
     gains = gain_share * gain * np.array([1.0, *(model.n_parameters - 1) * [MOMENT_GAIN]])
-    return kind(model, settings, prior, gains, lanes)
+    return kind(model, settings, prior, gains, rows)

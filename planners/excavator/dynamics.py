@@ -1,4 +1,4 @@
-"""Dynamics of the excavator attachment, and of any chain of revolute joints, batched over lanes.
+"""Dynamics of the excavator attachment, and of any chain of revolute joints, batched.
 
 `ChainDynamics` is the arm as it is. `PayloadModel` is what a controller knows of it: the same equations, with a payload
 told by a few parameters in which they are linear.
@@ -15,11 +15,11 @@ from numba import njit
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.newton_euler import (
     Chain,
-    acceleration_lane,
-    mass_matrix_lane,
-    potential_energy_lane,
-    regressor_lane,
-    torque_lane,
+    acceleration_single,
+    mass_matrix_single,
+    potential_energy_single,
+    regressor_single,
+    torque_single,
 )
 from planners.robot.arm import Arm
 from planners.typing import Array
@@ -30,7 +30,7 @@ INERTIAL_PARAMETERS = 10
 
 @dataclass(frozen=True)
 class ChainDynamics:
-    """Equations of motion of a chain of ``n`` revolute joints. States are ``(lanes, n)`` throughout.
+    """Equations of motion of a chain of ``n`` revolute joints. States are ``(batch, n)`` throughout.
 
     Attributes:
         frames, gravity, inertia, drives: as :mod:`planners.excavator.newton_euler` has them.
@@ -85,37 +85,37 @@ class ChainDynamics:
         """``M(q) qdd_r + C(q, qd) qd_r + g(q) + Ia qdd_r + b qd_r``, N m; ``qd_r = qd`` is inverse dynamics.
 
         Args:
-            q, qd: state, ``(lanes, n)``.
-            qd_r, qdd_r: reference velocity and acceleration, ``(lanes, n)``.
-            load: inertial parameters of what the last link carries, ``(lanes, 10)``; none when left out.
+            q, qd: state, ``(batch, n)``.
+            qd_r, qdd_r: reference velocity and acceleration, ``(batch, n)``.
+            load: inertial parameters of what the last link carries, ``(batch, 10)``; none when left out.
         """
         return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
 
     def regressor(self, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """What each load of ``basis`` ``(p, 10)`` adds to `torque`, ``(lanes, n, p)``."""
+        """What each load of ``basis`` ``(p, 10)`` adds to `torque`, ``(batch, n, p)``."""
         return _regressor(self.chain, basis, q, qd, qd_r, qdd_r)
 
     def mass_matrix(self, q: Array, load: Array | None = None) -> Array:
-        """Mass matrices ``(lanes, n, n)``, drives included, kg m^2."""
+        """Mass matrices ``(batch, n, n)``, drives included, kg m^2."""
         return _mass_matrix(self.chain, self._load(load, len(q)), q)
 
     def forward_dynamics(self, q: Array, qd: Array, tau: Array, load: Array | None = None) -> Array:
-        """Joint accelerations ``(lanes, n)``, rad/s^2, under torques ``tau``."""
+        """Joint accelerations ``(batch, n)``, rad/s^2, under torques ``tau``."""
         return _acceleration(self.chain, self._load(load, len(q)), q, qd, tau)
 
     def energy(self, q: Array, qd: Array, load: Array | None = None) -> Array:
-        """Kinetic plus potential energy ``(lanes,)``, J; potential zero at the height of the base."""
+        """Kinetic plus potential energy ``(batch,)``, J; potential zero at the height of the base."""
         loads = self._load(load, len(q))
         kinetic = 0.5 * np.einsum("li,lij,lj->l", qd, _mass_matrix(self.chain, loads, q), qd)
         total: Array = kinetic + _potential_energy(self.chain, loads, q)
         return total
 
     @staticmethod
-    def _load(load: Array | None, lanes: int) -> Array:
+    def _load(load: Array | None, rows: int) -> Array:
         if load is None:
-            return np.zeros((lanes, INERTIAL_PARAMETERS))
-        if load.shape != (lanes, INERTIAL_PARAMETERS):
-            raise ValueError(f"load has shape {load.shape}; give ({lanes}, {INERTIAL_PARAMETERS})")
+            return np.zeros((rows, INERTIAL_PARAMETERS))
+        if load.shape != (rows, INERTIAL_PARAMETERS):
+            raise ValueError(f"load has shape {load.shape}; give ({rows}, {INERTIAL_PARAMETERS})")
         return load
 
 
@@ -142,15 +142,15 @@ class PayloadModel:
         return len(self.basis)
 
     def torque(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array, parameters: Array) -> Array:
-        """`ChainDynamics.torque` with the payload of ``parameters`` ``(lanes, p)``."""
+        """`ChainDynamics.torque` with the payload of ``parameters`` ``(batch, p)``."""
         return self.dynamics.torque(q, qd, qd_r, qdd_r, parameters @ self.basis)
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """Derivative of `torque` by the parameters, ``(lanes, n, p)``."""
+        """Derivative of `torque` by the parameters, ``(batch, n, p)``."""
         return self.dynamics.regressor(self.basis, q, qd, qd_r, qdd_r)
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
-        """Mass matrices ``(lanes, n, n)`` with the payload of ``parameters`` ``(lanes, p)``."""
+        """Mass matrices ``(batch, n, n)`` with the payload of ``parameters`` ``(batch, p)``."""
         return self.dynamics.mass_matrix(q, parameters @ self.basis)
 
 
@@ -202,39 +202,39 @@ def payload_basis(machine: Excavator = EXCAVATOR, moments: bool = False, typical
 @njit(cache=True, nogil=True)
 def _torque(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
     tau = np.empty_like(q)
-    for lane in range(q.shape[0]):
-        torque_lane(chain, load[lane], q[lane], qd[lane], qd_r[lane], qdd_r[lane], tau[lane])
+    for row in range(q.shape[0]):
+        torque_single(chain, load[row], q[row], qd[row], qd_r[row], qdd_r[row], tau[row])
     return tau
 
 
 @njit(cache=True, nogil=True)
 def _regressor(chain: Chain, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
     columns = np.empty((*q.shape, basis.shape[0]))
-    for lane in range(q.shape[0]):
-        regressor_lane(chain, basis, q[lane], qd[lane], qd_r[lane], qdd_r[lane], columns[lane])
+    for row in range(q.shape[0]):
+        regressor_single(chain, basis, q[row], qd[row], qd_r[row], qdd_r[row], columns[row])
     return columns
 
 
 @njit(cache=True, nogil=True)
 def _mass_matrix(chain: Chain, load: Array, q: Array) -> Array:
-    lanes, n = q.shape
-    m = np.empty((lanes, n, n))
-    for lane in range(lanes):
-        mass_matrix_lane(chain, load[lane], q[lane], m[lane])
+    rows, n = q.shape
+    m = np.empty((rows, n, n))
+    for row in range(rows):
+        mass_matrix_single(chain, load[row], q[row], m[row])
     return m
 
 
 @njit(cache=True, nogil=True)
 def _acceleration(chain: Chain, load: Array, q: Array, qd: Array, tau: Array) -> Array:
     qdd = np.empty_like(q)
-    for lane in range(q.shape[0]):
-        acceleration_lane(chain, load[lane], q[lane], qd[lane], tau[lane], qdd[lane])
+    for row in range(q.shape[0]):
+        acceleration_single(chain, load[row], q[row], qd[row], tau[row], qdd[row])
     return qdd
 
 
 @njit(cache=True, nogil=True)
 def _potential_energy(chain: Chain, load: Array, q: Array) -> Array:
     total = np.empty(q.shape[0])
-    for lane in range(q.shape[0]):
-        total[lane] = potential_energy_lane(chain, load[lane], q[lane])
+    for row in range(q.shape[0]):
+        total[row] = potential_energy_single(chain, load[row], q[row])
     return total

@@ -173,13 +173,13 @@ def inverse_kinematics(
     q, theta6, status = _solve(
         machine.geometry.kernel_array,
         machine.angle_limit_array,
-        _lanes(tips, shape),
-        _lanes(directions, shape),
-        _lanes(sideways, shape),
-        _lanes(posture, shape),
+        _rows(tips, shape),
+        _rows(directions, shape),
+        _rows(sideways, shape),
+        _rows(posture, shape),
         mode,
     )
-    distance = _weighted_distance(q, _lanes(posture, shape), weights)
+    distance = _weighted_distance(q, _rows(posture, shape), weights)
     distance[(status & ~_BUCKET) != 0] = np.inf
     nearest = np.where(np.isfinite(distance).any(axis=-1), np.argmin(distance, axis=-1), -1)
     return Branches(
@@ -222,8 +222,8 @@ def _refuse_not_finite(name: str, given: Array) -> None:
         raise ValueError(f"{name} must be finite; got {float(bad[0])}")
 
 
-def _lanes(values: Array, shape: tuple[int, ...]) -> Array:
-    """``values`` broadcast to ``shape`` before its last axis, as contiguous ``(lanes, n)``."""
+def _rows(values: Array, shape: tuple[int, ...]) -> Array:
+    """``values`` broadcast to ``shape`` before its last axis, as contiguous ``(batch, n)``."""
     n = values.shape[-1]
     return np.ascontiguousarray(np.broadcast_to(values, (*shape, n)).reshape(-1, n))
 
@@ -232,22 +232,20 @@ def _lanes(values: Array, shape: tuple[int, ...]) -> Array:
 def _solve(
     geometry: Array, angle_limit: Array, tip: Array, axis: Array, tool_x: Array, near: Array, mode: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """All branches of all targets: joint angles ``(lanes, 8, 5)``, sixth angles and status ``(lanes, 8)``."""
-    lanes = tip.shape[0]
-    q = np.full((lanes, 8, 5), np.nan)
-    theta6 = np.full((lanes, 8), np.nan)
-    status = np.empty((lanes, 8), dtype=np.int64)
-    for lane in range(lanes):
-        target = (tip[lane], axis[lane], tool_x[lane])
-        pitch = near[lane, 1] + near[lane, 2] + near[lane, 3]
+    """All branches of all targets: joint angles ``(batch, 8, 5)``, sixth angles and status ``(batch, 8)``."""
+    rows = tip.shape[0]
+    q = np.full((rows, 8, 5), np.nan)
+    theta6 = np.full((rows, 8), np.nan)
+    status = np.empty((rows, 8), dtype=np.int64)
+    for row in range(rows):
+        target = (tip[row], axis[row], tool_x[row])
+        pitch = near[row, 1] + near[row, 2] + near[row, 3]
         for pair in range(4):
-            status[lane, 2 * pair : 2 * pair + 2] = _solve_pair(
-                geometry, target, pitch, mode, pair, q[lane], theta6[lane]
-            )
+            status[row, 2 * pair : 2 * pair + 2] = _solve_pair(geometry, target, pitch, mode, pair, q[row], theta6[row])
         for branch in range(8):
             for joint in range(5):
-                if abs(q[lane, branch, joint]) > angle_limit[joint] + _ROUNDING:
-                    status[lane, branch] |= _RANGE
+                if abs(q[row, branch, joint]) > angle_limit[joint] + _ROUNDING:
+                    status[row, branch] |= _RANGE
     return q, theta6, status
 
 

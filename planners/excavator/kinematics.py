@@ -29,8 +29,8 @@ def forward_kinematics(q: ArrayLike, machine: Excavator = EXCAVATOR) -> tuple[Ar
         ValueError: if ``q`` is not five angles.
     """
     angles = joint_angles(q)
-    lanes = np.ascontiguousarray(angles.reshape(-1, N_JOINTS))
-    tip, axis = _tip_and_axis(machine.geometry.kernel_array, lanes)
+    rows = np.ascontiguousarray(angles.reshape(-1, N_JOINTS))
+    tip, axis = _tip_and_axis(machine.geometry.kernel_array, rows)
     shape = (*angles.shape[:-1], 3)
     return tip.reshape(shape), axis.reshape(shape)
 
@@ -123,7 +123,7 @@ def joint_angles(q: ArrayLike) -> Array:
 
 @njit(cache=True, nogil=True)
 def _tip_and_axis(geometry: Array, q: Array) -> tuple[Array, Array]:
-    """`forward_kinematics` over lanes.
+    """`forward_kinematics` over rows.
 
     With ``x1 = (c1, s1, 0)``, ``z1 = (s1, -c1, 0)``, ``z = (0, 0, 1)``: the tool points along
     ``w = c5 z1 - s5 (c234 x1 + s234 z)``, and the tip is ``d1 z + d4 z1 + d6 w + (a2 c2 + a3 c23 + d5 s234) x1
@@ -131,18 +131,18 @@ def _tip_and_axis(geometry: Array, q: Array) -> tuple[Array, Array]:
     """
     d1, a2, a3, d4, d5, d6, _ = geometry
     tip, axis = np.empty((q.shape[0], 3)), np.empty((q.shape[0], 3))
-    for lane in range(q.shape[0]):
-        s1, c1 = np.sin(q[lane, 0]), np.cos(q[lane, 0])
-        boom = q[lane, 1]
-        arm = boom + q[lane, 2]
-        wrist = arm + q[lane, 3]
-        s5, c5 = np.sin(q[lane, 4]), np.cos(q[lane, 4])
+    for row in range(q.shape[0]):
+        s1, c1 = np.sin(q[row, 0]), np.cos(q[row, 0])
+        boom = q[row, 1]
+        arm = boom + q[row, 2]
+        wrist = arm + q[row, 3]
+        s5, c5 = np.sin(q[row, 4]), np.cos(q[row, 4])
         front = a2 * np.cos(boom) + a3 * np.cos(arm) + d5 * np.sin(wrist)
         up = a2 * np.sin(boom) + a3 * np.sin(arm) - d5 * np.cos(wrist)
-        axis[lane, 0] = c5 * s1 - s5 * np.cos(wrist) * c1
-        axis[lane, 1] = -c5 * c1 - s5 * np.cos(wrist) * s1
-        axis[lane, 2] = -s5 * np.sin(wrist)
-        tip[lane, 0] = front * c1 + d4 * s1 + d6 * axis[lane, 0]
-        tip[lane, 1] = front * s1 - d4 * c1 + d6 * axis[lane, 1]
-        tip[lane, 2] = d1 + up + d6 * axis[lane, 2]
+        axis[row, 0] = c5 * s1 - s5 * np.cos(wrist) * c1
+        axis[row, 1] = -c5 * c1 - s5 * np.cos(wrist) * s1
+        axis[row, 2] = -s5 * np.sin(wrist)
+        tip[row, 0] = front * c1 + d4 * s1 + d6 * axis[row, 0]
+        tip[row, 1] = front * s1 - d4 * c1 + d6 * axis[row, 1]
+        tip[row, 2] = d1 + up + d6 * axis[row, 2]
     return tip, axis

@@ -37,8 +37,8 @@ Chain = tuple[Array, Array, Array, Array]
 
 
 @njit(cache=True, nogil=True)
-def torque_lane(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, tau: Array) -> None:
-    """Joint torques (N m) of one lane, written to ``tau``: see the module."""
+def torque_single(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, tau: Array) -> None:
+    """Joint torques (N m) of one row, written to ``tau``: see the module."""
     n = q.shape[0]
     frames, gravity, inertia, drives = chain
     turns, motion, wrench = np.empty((n, 2)), np.empty((n, 6, 3)), np.zeros((n, 6))
@@ -53,7 +53,9 @@ def torque_lane(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, qdd
 
 
 @njit(cache=True, nogil=True)
-def regressor_lane(chain: Chain, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, columns: Array) -> None:
+def regressor_single(
+    chain: Chain, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, columns: Array
+) -> None:
     """Torques (N m) that each load of ``basis`` ``(p, 10)`` adds, written to ``columns`` ``(n, p)``."""
     n = q.shape[0]
     frames, gravity, _, _ = chain
@@ -68,8 +70,8 @@ def regressor_lane(chain: Chain, basis: Array, q: Array, qd: Array, qd_r: Array,
 
 
 @njit(cache=True, nogil=True)
-def mass_matrix_lane(chain: Chain, load: Array, q: Array, m: Array) -> None:
-    """Mass matrix of one lane, drives included, kg m^2, written to ``m`` ``(n, n)``.
+def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
+    """Mass matrix of one row, drives included, kg m^2, written to ``m`` ``(n, n)``.
 
     Column j is what it takes to start joint j, and with it the links behind, at 1 rad/s^2.
     """
@@ -92,20 +94,20 @@ def mass_matrix_lane(chain: Chain, load: Array, q: Array, m: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def acceleration_lane(chain: Chain, load: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
-    """Joint accelerations (rad/s^2) of one lane under torques ``tau``, written to ``qdd``."""
+def acceleration_single(chain: Chain, load: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
+    """Joint accelerations (rad/s^2) of one row under torques ``tau``, written to ``qdd``."""
     n = q.shape[0]
     bias, m = np.empty(n), np.empty((n, n))
-    torque_lane(chain, load, q, qd, qd, np.zeros(n), bias)
-    mass_matrix_lane(chain, load, q, m)
+    torque_single(chain, load, q, qd, qd, np.zeros(n), bias)
+    mass_matrix_single(chain, load, q, m)
     for i in range(n):
         qdd[i] = tau[i] - bias[i]
     solve_mass_matrix(m, qdd)
 
 
 @njit(cache=True, nogil=True)
-def potential_energy_lane(chain: Chain, load: Array, q: Array) -> float:
-    """Potential energy of one lane, J; zero with every centre of mass at the height of the base."""
+def potential_energy_single(chain: Chain, load: Array, q: Array) -> float:
+    """Potential energy of one row, J; zero with every centre of mass at the height of the base."""
     n = q.shape[0]
     frames, gravity, inertia, _ = chain
     turns = np.empty((n, 2))

@@ -1,4 +1,4 @@
-"""A controller in a loop with arms that are not quite the one it knows, many lanes at once.
+"""A controller in a loop with arms that are not quite the one it knows, many rows at once.
 
 The torque of a sample is held for a period (or follows with a lag), the equations of motion are integrated by
 Runge-Kutta 4.
@@ -16,7 +16,7 @@ from numba import njit
 from planners.control import Controller
 from planners.excavator.dynamics import ChainDynamics
 from planners.excavator.motion import Cycle
-from planners.excavator.newton_euler import Chain, acceleration_lane
+from planners.excavator.newton_euler import Chain, acceleration_single
 from planners.typing import Array
 
 STEP = 2.5e-3
@@ -25,14 +25,14 @@ STEP = 2.5e-3
 
 @dataclass(frozen=True)
 class Plant:
-    """The arms as they are, one a lane.
+    """The arms as they are, one a row.
 
     Attributes:
         dynamics: what all have in common.
-        inertia: inertial parameters of their links, payload included, ``(lanes, n, 10)``.
-        drives: inertia and friction of their joints, ``(lanes, n, 2)``.
-        lag: time constant of their actuators, ``(lanes,)``, s; 0 for none.
-        noise: standard deviations of measured angle and velocity, ``(lanes, 2)``, rad and rad/s.
+        inertia: inertial parameters of their links, payload included, ``(batch, n, 10)``.
+        drives: inertia and friction of their joints, ``(batch, n, 2)``.
+        lag: time constant of their actuators, ``(batch,)``, s; 0 for none.
+        noise: standard deviations of measured angle and velocity, ``(batch, 2)``, rad and rad/s.
     """
 
     dynamics: ChainDynamics
@@ -52,36 +52,36 @@ class Plant:
         lag: Array | float = 0.0,
         noise: tuple[float, float] | Array = (0.0, 0.0),
     ) -> Plant:
-        """Arms with loads ``(lanes, 10)``.
+        """Arms with loads ``(batch, 10)``.
 
         Args:
             dynamics: of the arm that the controller knows.
             load: inertial parameters of what the last links carry.
-            link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(lanes, n)``; 1 when left out.
-            friction_scale: factor on the friction, a number or ``(lanes,)``.
-            lag, noise: as above, or the same for all lanes.
+            link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(batch, n)``; 1 when left out.
+            friction_scale: factor on the friction, a number or ``(batch,)``.
+            lag, noise: as above, or the same for all rows.
         """
-        lanes, n = len(load), dynamics.n_joints
-        scale = np.broadcast_to(1.0 if link_scale is None else link_scale, (lanes, n))
+        rows, n = len(load), dynamics.n_joints
+        scale = np.broadcast_to(1.0 if link_scale is None else link_scale, (rows, n))
         inertia = dynamics.inertia * scale[..., None]
         inertia[:, -1] += load
-        drives = np.broadcast_to(dynamics.drives, (lanes, n, 2)).copy()
-        drives[..., 1] *= np.broadcast_to(friction_scale, lanes)[:, None]
+        drives = np.broadcast_to(dynamics.drives, (rows, n, 2)).copy()
+        drives[..., 1] *= np.broadcast_to(friction_scale, rows)[:, None]
         return cls(
             dynamics=dynamics,
             inertia=inertia,
             drives=drives,
-            lag=np.broadcast_to(np.asarray(lag, dtype=float), lanes).copy(),
-            noise=np.broadcast_to(np.asarray(noise, dtype=float), (lanes, 2)).copy(),
+            lag=np.broadcast_to(np.asarray(lag, dtype=float), rows).copy(),
+            noise=np.broadcast_to(np.asarray(noise, dtype=float), (rows, 2)).copy(),
         )
 
     @property
-    def lanes(self) -> int:
+    def rows(self) -> int:
         """How many arms."""
         return len(self.inertia)
 
     def advance(self, q: Array, qd: Array, applied: Array, command: Array, period: float) -> None:
-        """Let a period (s) pass under ``command``; states and the ``applied`` torques, ``(lanes, n)``, are changed."""
+        """Let a period (s) pass under ``command``; states and the ``applied`` torques, ``(batch, n)``, are changed."""
         common = (self.dynamics.frames, self.dynamics.gravity)
         steps = math.ceil(period / STEP - 1e-9)
         _advance(common, self.inertia, self.drives, self.lag, q, qd, applied, command, period / steps, steps)
@@ -93,10 +93,10 @@ class Run:
 
     Attributes:
         t: ``(samples,)``, s.
-        q, qd: as they were, ``(samples, lanes, n)``, rad, rad/s.
+        q, qd: as they were, ``(samples, rows, n)``, rad, rad/s.
         q_d, qd_d: as they should have been, ``(samples, n)``.
-        tau: the torques that the controller asked for, ``(samples, lanes, n)``, N m.
-        mass: its estimate of the payload, ``(samples, lanes)``, kg.
+        tau: the torques that the controller asked for, ``(samples, rows, n)``, N m.
+        mass: its estimate of the payload, ``(samples, rows)``, kg.
     """
 
     t: Array
@@ -120,29 +120,29 @@ def simulate(
     """Follow a cycle several times, from rest on it with the payload already there.
 
     Args:
-        controller: with as many lanes as the plant; it goes on with what it has learnt.
+        controller: with as many rows as the plant; it goes on with what it has learnt.
         plant: the arms.
         cycle: the wanted motion.
         cycles: how many times.
-        seed: of the noise. Every lane gets the same, so that what differs between two is not luck.
+        seed: of the noise. Every row gets the same, so that what differs between two is not luck.
         progress: called after every cycle.
 
     Raises:
-        ValueError: if controller and plant differ in lanes, or the period of control does not divide the cycle.
+        ValueError: if controller and plant differ in rows, or the period of control does not divide the cycle.
     """
     period = controller.settings.period
     samples = round(cycle.period / period) * cycles
-    if controller.lanes != plant.lanes:
-        raise ValueError(f"the controller has {controller.lanes} lanes, the plant {plant.lanes}")
+    if controller.rows != plant.rows:
+        raise ValueError(f"the controller has {controller.rows} rows, the plant {plant.rows}")
     if abs(cycle.period / period - round(cycle.period / period)) > 1e-6:
         raise ValueError(f"a control period of {period} s does not divide a cycle of {cycle.period} s")
     t: Array = np.arange(samples, dtype=np.float64) * period
     q_d, qd_d, qdd_d = cycle.sample(t)
-    shape, rng = (plant.lanes, plant.dynamics.n_joints), np.random.default_rng(seed)
-    q, qd = np.tile(q_d[0], (plant.lanes, 1)), np.zeros(shape)
+    shape, rng = (plant.rows, plant.dynamics.n_joints), np.random.default_rng(seed)
+    q, qd = np.tile(q_d[0], (plant.rows, 1)), np.zeros(shape)
     applied = np.full(shape, np.nan)
     angles, speeds, torques = np.empty((3, samples, *shape))
-    masses = np.empty((samples, plant.lanes))
+    masses = np.empty((samples, plant.rows))
     for k in range(samples):
         q_noise, qd_noise = rng.normal(size=(2, shape[1]))
         tau = controller.torque(
@@ -173,10 +173,10 @@ def _advance(
     steps: int,
 ) -> None:
     frames, gravity = common
-    for lane in range(q.shape[0]):
-        chain = (frames, gravity, inertia[lane], drives[lane])
+    for row in range(q.shape[0]):
+        chain = (frames, gravity, inertia[row], drives[row])
         for _ in range(steps):
-            _step(chain, lag[lane], q[lane], qd[lane], applied[lane], command[lane], step)
+            _step(chain, lag[row], q[row], qd[row], applied[row], command[row], step)
 
 
 @njit(cache=True, nogil=True)
@@ -189,10 +189,10 @@ def _step(chain: Chain, lag: float, q: Array, qd: Array, applied: Array, command
     start = applied if lag > 0.0 else command
     end = command + left_half * left_half * (applied - command)
     k1, k2, k3, k4 = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    acceleration_lane(chain, nothing, q, qd, start, k1)
-    acceleration_lane(chain, nothing, q + half * qd, qd + half * k1, middle, k2)
-    acceleration_lane(chain, nothing, q + half * (qd + half * k1), qd + half * k2, middle, k3)
-    acceleration_lane(chain, nothing, q + step * (qd + half * k2), qd + step * k3, end, k4)
+    acceleration_single(chain, nothing, q, qd, start, k1)
+    acceleration_single(chain, nothing, q + half * qd, qd + half * k1, middle, k2)
+    acceleration_single(chain, nothing, q + half * (qd + half * k1), qd + half * k2, middle, k3)
+    acceleration_single(chain, nothing, q + step * (qd + half * k2), qd + step * k3, end, k4)
     q += step * (qd + step * (k1 + k2 + k3) / 6.0)
     qd += step * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
     applied[:] = end

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.lagrange.torque_derivatives import add_torque_curvature_lane, torque_jacobian_lane, torques_lane
+from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Transcription
 from planners.typing import Array
 
@@ -88,7 +88,7 @@ def look_at(tr: Transcription, task: Task, x: Array) -> Point:
         for d in range(links.shape[1]):
             for j in range(n):
                 links[k, d, j] += tr.base[k, d, j]
-        torques_lane(task.coupling, task.weight, links[k], tau[k])
+        torques_single(task.coupling, task.weight, links[k], tau[k])
     load = bounded(task, links, tau)
     for k in range(links.shape[0]):
         for j in range(n):
@@ -166,7 +166,7 @@ def newton_model(
             else:
                 slopes[j], bends[j] = 2.0 * weights[k] * tau, 2.0 * weights[k]
             factors[j] = slopes[j] / task.unit
-        torque_jacobian_lane(task.coupling, task.weight, point.links[k], jacobians[k])
+        torque_jacobian_single(task.coupling, task.weight, point.links[k], jacobians[k])
         jacobian = jacobians[k]
         for j in range(n):
             for d in range(3):
@@ -193,7 +193,7 @@ def newton_model(
                 curvature[order, j - 1, order, j] -= stiff
                 curvature[order, j, order, j - 1] -= stiff
         _add_torques(slopes, bends, jacobian, pull, curvature)
-        add_torque_curvature_lane(task.coupling, task.weight, point.links[k], factors, curvature)
+        add_torque_curvature_single(task.coupling, task.weight, point.links[k], factors, curvature)
         _condense(tr.functions[k], tr.first[k], highest + 1, curvature, hessian)
         for i in range(support):
             for a in range(n):

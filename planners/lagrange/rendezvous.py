@@ -156,7 +156,7 @@ def _reachable_branches(problem: MotionProblem, places: Array, orientation: floa
     try:
         return problem.arm.inverse_kinematics(places, orientation)
     except UnreachableTarget as error:
-        reachable = np.delete(places, error.lanes, axis=0)
+        reachable = np.delete(places, error.rows, axis=0)
         if len(reachable) == 0:
             raise
         return problem.arm.inverse_kinematics(reachable, orientation)

@@ -17,7 +17,7 @@ from planners.typing import Array
 
 
 @njit(cache=True, nogil=True)
-def torques_lane(coupling: Array, weight: Array, links: Array, tau: Array) -> None:
+def torques_single(coupling: Array, weight: Array, links: Array, tau: Array) -> None:
     """Joint torques, to ``tau`` ``(n,)``, N m, from link angles, rates and accelerations ``(3 or more, n)``."""
     n = tau.shape[0]
     outer = 0.0
@@ -31,7 +31,7 @@ def torques_lane(coupling: Array, weight: Array, links: Array, tau: Array) -> No
 
 
 @njit(cache=True, nogil=True)
-def torque_jacobian_lane(coupling: Array, weight: Array, links: Array, jacobian: Array) -> None:
+def torque_jacobian_single(coupling: Array, weight: Array, links: Array, jacobian: Array) -> None:
     """Derivative of every joint torque by link angles, rates and accelerations, to ``jacobian`` ``(n, 3, n)``."""
     n = jacobian.shape[0]
     for i in range(n - 1, -1, -1):
@@ -52,7 +52,7 @@ def torque_jacobian_lane(coupling: Array, weight: Array, links: Array, jacobian:
 
 
 @njit(cache=True, nogil=True)
-def add_torque_curvature_lane(coupling: Array, weight: Array, links: Array, factors: Array, curvature: Array) -> None:
+def add_torque_curvature_single(coupling: Array, weight: Array, links: Array, factors: Array, curvature: Array) -> None:
     """Add the second derivatives of ``factors @ tau`` to ``curvature`` ``(3 or more, n, 3 or more, n)``."""
     n = factors.shape[0]
     moment_factor = 0.0

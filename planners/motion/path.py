@@ -232,9 +232,9 @@ def _tabulate(coupling: Array, weight: Array, derivatives: Array, step: float) -
         q, f1, f2, f3 = derivatives[m, 0], derivatives[m, 1], derivatives[m, 2], derivatives[m, 3]
         nodes[m, 0, 0], nodes[m, 0, 1], nodes[m, 0, 2] = f1, f2, f3
         nodes[m, 1, 0], nodes[m, 1, 1] = f2, f3
-        dynamics.inverse_dynamics_lane(coupling, weightless, q, still, f1, nodes[m, 0, 3])
-        dynamics.inverse_dynamics_lane(coupling, weightless, q, f1, f2, nodes[m, 0, 4])
-        dynamics.inverse_dynamics_lane(coupling, weight, q, still, still, nodes[m, 0, 5])
+        dynamics.inverse_dynamics_single(coupling, weightless, q, still, f1, nodes[m, 0, 3])
+        dynamics.inverse_dynamics_single(coupling, weightless, q, f1, f2, nodes[m, 0, 4])
+        dynamics.inverse_dynamics_single(coupling, weight, q, still, still, nodes[m, 0, 5])
     scale = 1.0 / (12.0 * step)
     for m in range(count):
         for kind in range(2, 6):

@@ -39,7 +39,7 @@ def shape_functions(s: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def rest_curve_lane(
+def rest_curve_single(
     coefficients: Array, start: Array, goal: Array, duration: float, t: float, q: Array, qd: Array
 ) -> None:
     """Joint angles (rad) and velocities (rad/s) at a time, written to ``q`` and ``qd``.

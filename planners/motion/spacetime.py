@@ -214,7 +214,7 @@ def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray
 
 
 def _postures(arm: Arm, hands: Array) -> Array:
-    """Both postures for hand positions ``(lanes, 2)`` that are moved into the arm's reach, ``(lanes, 2, 2)``."""
+    """Both postures for hand positions ``(batch, 2)`` that are moved into the arm's reach, ``(batch, 2, 2)``."""
     away = hands - arm.base_array
     distance = np.hypot(*away.T)[:, None]
     within = np.clip(distance, abs(arm.lengths[0] - arm.lengths[1]), arm.reach)

@@ -1,4 +1,4 @@
-"""What the search of :mod:`planners.motion.spacetime` asks of a motion: clearance of discs, limits, and to hold the goal."""
+"""Conditions of :mod:`planners.motion.spacetime`: clearance of discs, limits, and holding the goal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from planners.motion.double_integrator import (
     fill_profile,
     rest_time,
 )
-from planners.robot.clearance import clearance_lane
+from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
 ROUNDING = 1e-9
@@ -118,7 +118,7 @@ def gap_to_discs(world: World, sample: int, q: Array) -> float:
     gap = np.inf
     for k in range(world.radii.shape[0]):
         x, y = world.path[sample, k]
-        gap = min(gap, clearance_lane(world.lengths, world.base, world.link_radius, q, x, y, world.radii[k]))
+        gap = min(gap, clearance_single(world.lengths, world.base, world.link_radius, q, x, y, world.radii[k]))
     return gap
 
 
@@ -166,7 +166,7 @@ def step_is_free(world: World, first: int, samples: int, q0: Array, qd0: Array, 
 
 @njit(cache=True, nogil=True)
 def overload(world: World, q1: float, q2: float, w1: float, w2: float, a1: float, a2: float) -> float:
-    """Worst |torque| / limit: :func:`planners.robot.dynamics.inverse_dynamics_lane`, written out for two links."""
+    """Worst |torque| / limit: :func:`planners.robot.dynamics.inverse_dynamics_single`, written out for two links."""
     c, s = math.cos(q2), math.sin(q2)
     inner, both = world.coupling[0, 0], world.coupling[0, 1]
     outer = world.coupling[1, 1]

@@ -170,31 +170,31 @@ class Arm:
         )
 
     def joint_positions(self, q: ArrayLike) -> Array:
-        """Positions of every joint and of the hand, ``(n + 1, 2)`` or ``(lanes, n + 1, 2)``, m."""
-        (lanes,), single = self._lanes(q)
-        points = kinematics.joint_positions(self.length_array, self.base_array, lanes)
+        """Positions of every joint and of the hand, ``(n + 1, 2)`` or ``(batch, n + 1, 2)``, m."""
+        (rows,), single = self._rows(q)
+        points = kinematics.joint_positions(self.length_array, self.base_array, rows)
         return points[0] if single else points
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
-        """Hand position, ``(2,)`` or ``(lanes, 2)``, m, for ``q`` of ``(n,)`` or ``(lanes, n)``, rad."""
+        """Hand position, ``(2,)`` or ``(batch, 2)``, m, for ``q`` of ``(n,)`` or ``(batch, n)``, rad."""
         return self.joint_positions(q)[..., -1, :]
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the hand position by the joint angles, ``(2, n)`` or ``(lanes, 2, n)``, m."""
-        (lanes,), single = self._lanes(q)
-        matrices = kinematics.jacobian(self.length_array, lanes)
+        """Derivative of the hand position by the joint angles, ``(2, n)`` or ``(batch, 2, n)``, m."""
+        (rows,), single = self._rows(q)
+        matrices = kinematics.jacobian(self.length_array, rows)
         return matrices[0] if single else matrices
 
     def inverse_kinematics(self, hand: ArrayLike, orientation: ArrayLike | None = None) -> Array:
         """Every joint posture that puts the hand at a position, in closed form.
 
         Args:
-            hand: position, ``(2,)`` or ``(lanes, 2)``, m.
-            orientation: absolute angle of the last link, a number or ``(lanes,)``, rad: needed for three links,
+            hand: position, ``(2,)`` or ``(batch, 2)``, m.
+            orientation: absolute angle of the last link, a number or ``(batch,)``, rad: needed for three links,
                 refused for two (where the position alone decides).
 
         Returns:
-            ``(2, n)`` or ``(lanes, 2, n)``, rad: first the branch with ``q2 >= 0`` (elbow +), then ``q2 <= 0``.
+            ``(2, n)`` or ``(batch, 2, n)``, rad: first the branch with ``q2 >= 0`` (elbow +), then ``q2 <= 0``.
             On the rim of the workspace the two are equal.
 
         Raises:
@@ -203,17 +203,17 @@ class Arm:
         """
         target = np.asarray(hand, dtype=float)
         if target.ndim not in (1, 2) or target.shape[-1] != 2:
-            raise ValueError(f"hand position has shape {target.shape}; give (2,) or (lanes, 2)")
-        lanes = np.atleast_2d(target)
+            raise ValueError(f"hand position has shape {target.shape}; give (2,) or (batch, 2)")
+        rows = np.atleast_2d(target)
         if self.n_joints == 2:
             if orientation is not None:
                 raise ValueError("two links cannot choose the orientation of the hand; leave it out")
-            q = kinematics.two_link_inverse(self.length_array, self.base_array, lanes)
+            q = kinematics.two_link_inverse(self.length_array, self.base_array, rows)
         elif self.n_joints == 3:
             if orientation is None:
                 raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
-            angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(lanes))
-            q = kinematics.three_link_inverse(self.length_array, self.base_array, lanes, angles)
+            angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(rows))
+            q = kinematics.three_link_inverse(self.length_array, self.base_array, rows, angles)
         else:
             raise ValueError(
                 f"closed-form inverse kinematics covers two and three links; {self.name} has {self.n_joints}"
@@ -224,54 +224,54 @@ class Arm:
         """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
 
         Args:
-            q: joint angles, ``(n,)`` or ``(lanes, n)``, rad.
-            position: centre of the disc, ``(2,)`` or ``(lanes, 2)``, m.
+            q: joint angles, ``(n,)`` or ``(batch, n)``, rad.
+            position: centre of the disc, ``(2,)`` or ``(batch, 2)``, m.
             radius: of the disc, m.
 
         Returns:
-            A number, or ``(lanes,)``.
+            A number, or ``(batch,)``.
         """
-        (lanes,), single = self._lanes(q)
-        centers = np.ascontiguousarray(np.broadcast_to(np.asarray(position, dtype=float), (len(lanes), 2)))
-        gaps = clearance.clearance(self.length_array, self.base_array, self.link_radius, lanes, centers, radius)
+        (rows,), single = self._rows(q)
+        centers = np.ascontiguousarray(np.broadcast_to(np.asarray(position, dtype=float), (len(rows), 2)))
+        gaps = clearance.clearance(self.length_array, self.base_array, self.link_radius, rows, centers, radius)
         return gaps[0] if single else gaps
 
     def mass_matrix(self, q: ArrayLike) -> Array:
-        """Mass matrix, ``(n, n)`` or ``(lanes, n, n)``, kg m^2."""
-        (lanes,), single = self._lanes(q)
-        matrices = dynamics.mass_matrix(self.chain_constants[0], lanes)
+        """Mass matrix, ``(n, n)`` or ``(batch, n, n)``, kg m^2."""
+        (rows,), single = self._rows(q)
+        matrices = dynamics.mass_matrix(self.chain_constants[0], rows)
         return matrices[0] if single else matrices
 
     def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Coriolis, centrifugal and gravity torques, ``(n,)`` or ``(lanes, n)``, N m."""
+        """Coriolis, centrifugal and gravity torques, ``(n,)`` or ``(batch, n)``, N m."""
         return self.inverse_dynamics(q, qd, np.zeros_like(np.asarray(q, dtype=float)))
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Joint torques ``M(q) qdd + h(q, qd)``, N m, for arguments all of ``(n,)`` or all of ``(lanes, n)``."""
-        lanes, single = self._lanes(q, qd, qdd)
-        tau = dynamics.inverse_dynamics(*self.chain_constants, *lanes)
+        """Joint torques ``M(q) qdd + h(q, qd)``, N m, for arguments all of ``(n,)`` or all of ``(batch, n)``."""
+        rows, single = self._rows(q, qd, qdd)
+        tau = dynamics.inverse_dynamics(*self.chain_constants, *rows)
         return tau[0] if single else tau
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-        """Joint accelerations ``M(q)^-1 (tau - h(q, qd))``, rad/s^2, for arguments all ``(n,)`` or ``(lanes, n)``."""
-        lanes, single = self._lanes(q, qd, tau)
-        qdd = dynamics.forward_dynamics(*self.chain_constants, *lanes)
+        """Joint accelerations ``M(q)^-1 (tau - h(q, qd))``, rad/s^2, for arguments all ``(n,)`` or ``(batch, n)``."""
+        rows, single = self._rows(q, qd, tau)
+        qdd = dynamics.forward_dynamics(*self.chain_constants, *rows)
         return qdd[0] if single else qdd
 
     def energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Kinetic plus potential energy (zero at the height of the base), a number or ``(lanes,)``, J."""
-        (angles, speeds), single = self._lanes(q, qd)
+        """Kinetic plus potential energy (zero at the height of the base), a number or ``(batch,)``, J."""
+        (angles, speeds), single = self._rows(q, qd)
         total = dynamics.energy(*self.chain_constants, angles, speeds)
         return total[0] if single else total
 
-    def _lanes(self, *arrays: ArrayLike) -> tuple[list[Array], bool]:
-        """The arguments as contiguous ``(lanes, n)`` arrays, and whether they came as single ``(n,)`` ones."""
+    def _rows(self, *arrays: ArrayLike) -> tuple[list[Array], bool]:
+        """The arguments as contiguous ``(batch, n)`` arrays, and whether they came as single ``(n,)`` ones."""
         given = [np.asarray(array, dtype=float) for array in arrays]
         shape = given[0].shape
         if len(shape) not in (1, 2) or any(array.shape != shape for array in given) or shape[-1] != self.n_joints:
             shapes = ", ".join(str(array.shape) for array in given)
             raise ValueError(
-                f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (lanes, {self.n_joints}) for all"
+                f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (batch, {self.n_joints}) for all"
             )
         return [np.ascontiguousarray(np.atleast_2d(array)) for array in given], len(shape) == 1
 

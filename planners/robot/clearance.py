@@ -18,7 +18,7 @@ def nearest_on_segment(ax: float, ay: float, bx: float, by: float, px: float, py
 
 
 @njit(cache=True, nogil=True)
-def clearance_lane(
+def clearance_single(
     lengths: Array, base: Array, link_radius: float, q: Array, x: float, y: float, radius: float
 ) -> float:
     """Distance between the surfaces of one arm in posture ``q``, ``(n,)``, and of the disc at ``(x, y)``, m."""
@@ -36,8 +36,8 @@ def clearance_lane(
 
 @njit(cache=True, nogil=True)
 def clearance(lengths: Array, base: Array, link_radius: float, q: Array, centers: Array, radius: float) -> Array:
-    """Clearances ``(lanes,)``, m, for ``q`` of ``(lanes, n)`` and discs at ``(lanes, 2)``."""
+    """Clearances ``(batch,)``, m, for ``q`` of ``(batch, n)`` and discs at ``(batch, 2)``."""
     gaps = np.empty(q.shape[0])
-    for lane in range(q.shape[0]):
-        gaps[lane] = clearance_lane(lengths, base, link_radius, q[lane], centers[lane, 0], centers[lane, 1], radius)
+    for row in range(q.shape[0]):
+        gaps[row] = clearance_single(lengths, base, link_radius, q[row], centers[row, 0], centers[row, 1], radius)
     return gaps

@@ -1,4 +1,4 @@
-"""Rigid-body dynamics of a planar chain of revolute joints, compiled and batched over lanes.
+"""Rigid-body dynamics of a planar chain of revolute joints, compiled and batched.
 
 In absolute link angles ``phi`` (``phi_i = q_0 + ... + q_i``) the Lagrange-Euler equations of a planar chain are
 
@@ -36,8 +36,8 @@ def chain_constants(lengths: Array, masses: Array, coms: Array, inertias: Array)
 
 
 @njit(cache=True, nogil=True)
-def inverse_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
-    """Joint torques (N m) of one lane, written to ``tau``; ``weight`` is gravity times the static moments, N m."""
+def inverse_dynamics_single(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
+    """Joint torques (N m) of one row, written to ``tau``; ``weight`` is gravity times the static moments, N m."""
     n = q.shape[0]
     phi, w, alpha = np.empty(n), np.empty(n), np.empty(n)
     angle = speed = acceleration = 0.0
@@ -57,8 +57,8 @@ def inverse_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, q
 
 
 @njit(cache=True, nogil=True)
-def mass_matrix_lane(coupling: Array, q: Array, m: Array) -> None:
-    """Mass matrix (kg m^2) of one lane in relative joint angles, written to ``m``, ``(n, n)``."""
+def mass_matrix_single(coupling: Array, q: Array, m: Array) -> None:
+    """Mass matrix (kg m^2) of one row in relative joint angles, written to ``m``, ``(n, n)``."""
     n = q.shape[0]
     phi = np.cumsum(q)
     for i in range(n - 1, -1, -1):
@@ -96,30 +96,30 @@ def solve_mass_matrix(m: Array, rhs: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def inverse_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array) -> Array:
-    """Joint torques ``(lanes, n)``, N m, that give accelerations ``qdd`` in the state ``q, qd``, all ``(lanes, n)``."""
+    """Joint torques ``(batch, n)``, N m, that give accelerations ``qdd`` in the state ``q, qd``, all ``(batch, n)``."""
     tau = np.empty_like(q)
-    for lane in range(q.shape[0]):
-        inverse_dynamics_lane(coupling, weight, q[lane], qd[lane], qdd[lane], tau[lane])
+    for row in range(q.shape[0]):
+        inverse_dynamics_single(coupling, weight, q[row], qd[row], qdd[row], tau[row])
     return tau
 
 
 @njit(cache=True, nogil=True)
 def mass_matrix(coupling: Array, q: Array) -> Array:
-    """Mass matrices ``(lanes, n, n)``, kg m^2, for ``q`` of ``(lanes, n)``."""
-    lanes, n = q.shape
-    m = np.empty((lanes, n, n))
-    for lane in range(lanes):
-        mass_matrix_lane(coupling, q[lane], m[lane])
+    """Mass matrices ``(batch, n, n)``, kg m^2, for ``q`` of ``(batch, n)``."""
+    rows, n = q.shape
+    m = np.empty((rows, n, n))
+    for row in range(rows):
+        mass_matrix_single(coupling, q[row], m[row])
     return m
 
 
 @njit(cache=True, nogil=True)
-def forward_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
-    """Joint accelerations (rad/s^2) of one lane, written to ``qdd``."""
+def forward_dynamics_single(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
+    """Joint accelerations (rad/s^2) of one row, written to ``qdd``."""
     n = q.shape[0]
     bias, m = np.empty(n), np.empty((n, n))
-    inverse_dynamics_lane(coupling, weight, q, qd, np.zeros(n), bias)
-    mass_matrix_lane(coupling, q, m)
+    inverse_dynamics_single(coupling, weight, q, qd, np.zeros(n), bias)
+    mass_matrix_single(coupling, q, m)
     for i in range(n):
         qdd[i] = tau[i] - bias[i]
     solve_mass_matrix(m, qdd)
@@ -127,22 +127,22 @@ def forward_dynamics_lane(coupling: Array, weight: Array, q: Array, qd: Array, t
 
 @njit(cache=True, nogil=True)
 def forward_dynamics(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array) -> Array:
-    """Joint accelerations ``(lanes, n)``, rad/s^2, under torques ``tau`` in the state ``q, qd``, all ``(lanes, n)``."""
+    """Joint accelerations ``(batch, n)``, rad/s^2, under torques ``tau`` in the state ``q, qd``, all ``(batch, n)``."""
     qdd = np.empty_like(q)
-    for lane in range(q.shape[0]):
-        forward_dynamics_lane(coupling, weight, q[lane], qd[lane], tau[lane], qdd[lane])
+    for row in range(q.shape[0]):
+        forward_dynamics_single(coupling, weight, q[row], qd[row], tau[row], qdd[row])
     return qdd
 
 
 @njit(cache=True, nogil=True)
 def energy(coupling: Array, weight: Array, q: Array, qd: Array) -> Array:
-    """Kinetic plus potential energy ``(lanes,)``, J, for ``q, qd`` of ``(lanes, n)``; potential zero at base height."""
-    lanes, n = q.shape
-    total = np.zeros(lanes)
-    for lane in range(lanes):
-        phi, w = np.cumsum(q[lane]), np.cumsum(qd[lane])
+    """Kinetic plus potential energy ``(batch,)``, J, for ``q, qd`` of ``(batch, n)``; potential zero at base height."""
+    rows, n = q.shape
+    total = np.zeros(rows)
+    for row in range(rows):
+        phi, w = np.cumsum(q[row]), np.cumsum(qd[row])
         for i in range(n):
-            total[lane] += weight[i] * np.sin(phi[i])
+            total[row] += weight[i] * np.sin(phi[i])
             for j in range(n):
-                total[lane] += 0.5 * coupling[i, j] * np.cos(phi[i] - phi[j]) * w[i] * w[j]
+                total[row] += 0.5 * coupling[i, j] * np.cos(phi[i] - phi[j]) * w[i] * w[j]
     return total

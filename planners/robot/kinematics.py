@@ -1,7 +1,7 @@
 """Kinematics of a planar chain of revolute joints: forward, Jacobian, and the closed-form inverse.
 
-Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Everything is batched over lanes,
-arrays of shape ``(lanes, n)``; :class:`planners.robot.arm.Arm` offers the same for a single ``(n,)``.
+Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Everything is batched,
+arrays of shape ``(batch, n)``; :class:`planners.robot.arm.Arm` offers the same for a single ``(n,)``.
 """
 
 from __future__ import annotations
@@ -16,53 +16,53 @@ class UnreachableTarget(ValueError):
     """A hand position that no joint angles reach.
 
     Attributes:
-        lanes: indices of the targets that cannot be reached.
+        rows: indices of the targets that cannot be reached.
     """
 
-    def __init__(self, message: str, lanes: tuple[int, ...]) -> None:
+    def __init__(self, message: str, rows: tuple[int, ...]) -> None:
         super().__init__(message)
-        self.lanes = lanes
+        self.rows = rows
 
     def __reduce__(self) -> tuple[object, ...]:
-        return UnreachableTarget, (str(self), self.lanes)
+        return UnreachableTarget, (str(self), self.rows)
 
 
 @njit(cache=True, nogil=True)
 def joint_positions(lengths: Array, base: Array, q: Array) -> Array:
-    """Positions of every joint and of the hand, ``(lanes, n + 1, 2)`` in metres, for ``q`` of ``(lanes, n)``."""
-    lanes, n = q.shape
-    points = np.empty((lanes, n + 1, 2))
-    for lane in range(lanes):
+    """Positions of every joint and of the hand, ``(batch, n + 1, 2)`` in metres, for ``q`` of ``(batch, n)``."""
+    rows, n = q.shape
+    points = np.empty((rows, n + 1, 2))
+    for row in range(rows):
         x, y, phi = base[0], base[1], 0.0
-        points[lane, 0, 0], points[lane, 0, 1] = x, y
+        points[row, 0, 0], points[row, 0, 1] = x, y
         for i in range(n):
-            phi += q[lane, i]
+            phi += q[row, i]
             x += lengths[i] * np.cos(phi)
             y += lengths[i] * np.sin(phi)
-            points[lane, i + 1, 0], points[lane, i + 1, 1] = x, y
+            points[row, i + 1, 0], points[row, i + 1, 1] = x, y
     return points
 
 
 @njit(cache=True, nogil=True)
 def jacobian(lengths: Array, q: Array) -> Array:
-    """Derivative of the hand position by the joint angles, ``(lanes, 2, n)`` in metres, for ``q`` of ``(lanes, n)``."""
-    lanes, n = q.shape
-    columns = np.zeros((lanes, 2, n))
-    for lane in range(lanes):
+    """Derivative of the hand position by the joint angles, ``(batch, 2, n)`` in metres, for ``q`` of ``(batch, n)``."""
+    rows, n = q.shape
+    columns = np.zeros((rows, 2, n))
+    for row in range(rows):
         phi = 0.0
         for i in range(n):
-            phi += q[lane, i]
+            phi += q[row, i]
             dx = -lengths[i] * np.sin(phi)
             dy = lengths[i] * np.cos(phi)
             for j in range(i + 1):
-                columns[lane, 0, j] += dx
-                columns[lane, 1, j] += dy
+                columns[row, 0, j] += dx
+                columns[row, 1, j] += dy
     return columns
 
 
 @njit(cache=True, nogil=True)
-def hand_state_lane(lengths: Array, base: Array, q: Array, qd: Array, hand: Array, velocity: Array) -> None:
-    """Position (m) and velocity (m/s) of one lane's hand, written to ``hand`` and ``velocity``, each ``(2,)``."""
+def hand_state_single(lengths: Array, base: Array, q: Array, qd: Array, hand: Array, velocity: Array) -> None:
+    """Position (m) and velocity (m/s) of one row's hand, written to ``hand`` and ``velocity``, each ``(2,)``."""
     hand[0], hand[1] = base[0], base[1]
     velocity[0] = velocity[1] = 0.0
     phi = w = 0.0
@@ -95,10 +95,10 @@ def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) ->
 @njit(cache=True, nogil=True)
 def _two_link_branches(lengths: Array, base: Array, hand: Array) -> Array:
     q = np.empty((hand.shape[0], 2, 2))
-    for lane in range(hand.shape[0]):
-        dx, dy = hand[lane, 0] - base[0], hand[lane, 1] - base[1]
+    for row in range(hand.shape[0]):
+        dx, dy = hand[row, 0] - base[0], hand[row, 1] - base[1]
         for branch in range(2):
-            q[lane, branch, 0], q[lane, branch, 1] = two_link_branch(lengths[0], lengths[1], dx, dy, 1.0 - 2.0 * branch)
+            q[row, branch, 0], q[row, branch, 1] = two_link_branch(lengths[0], lengths[1], dx, dy, 1.0 - 2.0 * branch)
     return q
 
 
@@ -108,10 +108,10 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     Args:
         lengths: link lengths, ``(2,)``, m.
         base: position of the first joint, ``(2,)``, m.
-        hand: wanted hand positions, ``(lanes, 2)``, m.
+        hand: wanted hand positions, ``(batch, 2)``, m.
 
     Returns:
-        Joint angles ``(lanes, 2, 2)``: branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
+        Joint angles ``(batch, 2, 2)``: branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
 
     Raises:
         UnreachableTarget: if a target lies outside the annulus the arm reaches.
@@ -119,14 +119,14 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     q = _two_link_branches(lengths, base, hand)
     out = np.isnan(q[:, 0, 0])
     if out.any():
-        lanes = tuple(int(lane) for lane in np.flatnonzero(out))
-        x, y = hand[lanes[0]]
-        distance = np.hypot(*(hand[lanes[0]] - base))
+        rows = tuple(int(row) for row in np.flatnonzero(out))
+        x, y = hand[rows[0]]
+        distance = np.hypot(*(hand[rows[0]] - base))
         raise UnreachableTarget(
             f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; links of {lengths[0]:.4g} m and "
             f"{lengths[1]:.4g} m reach from {abs(lengths[0] - lengths[1]):.4g} m to {lengths.sum():.4g} m"
-            + (f" (and {len(lanes) - 1} more targets)" if len(lanes) > 1 else ""),
-            lanes,
+            + (f" (and {len(rows) - 1} more targets)" if len(rows) > 1 else ""),
+            rows,
         )
     return q
 
@@ -137,11 +137,11 @@ def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Ar
     Args:
         lengths: link lengths, ``(3,)``, m.
         base: position of the first joint, ``(2,)``, m.
-        hand: wanted hand positions, ``(lanes, 2)``, m.
-        orientation: wanted absolute angle of the last link, ``(lanes,)``, rad.
+        hand: wanted hand positions, ``(batch, 2)``, m.
+        orientation: wanted absolute angle of the last link, ``(batch,)``, rad.
 
     Returns:
-        Joint angles ``(lanes, 2, 3)``: branch 0 has ``q2 >= 0``, branch 1 has ``q2 <= 0``.
+        Joint angles ``(batch, 2, 3)``: branch 0 has ``q2 >= 0``, branch 1 has ``q2 <= 0``.
 
     Raises:
         UnreachableTarget: if the wrist this asks for lies outside the reach of the first two links.
@@ -150,11 +150,11 @@ def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Ar
     try:
         first_two = two_link_inverse(lengths[:2], base, hand - last)
     except UnreachableTarget as error:
-        lane = error.lanes[0]
+        row = error.rows[0]
         raise UnreachableTarget(
-            f"hand position ({hand[lane, 0]:.4g}, {hand[lane, 1]:.4g}) m with the last link along "
-            f"{orientation[lane]:.4g} rad is out of reach: the wrist {error}",
-            error.lanes,
+            f"hand position ({hand[row, 0]:.4g}, {hand[row, 1]:.4g}) m with the last link along "
+            f"{orientation[row]:.4g} rad is out of reach: the wrist {error}",
+            error.rows,
         ) from None
     q3 = wrap(orientation[:, None] - first_two.sum(axis=-1))
     return np.concatenate([first_two, q3[..., None]], axis=-1)

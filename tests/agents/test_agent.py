@@ -102,7 +102,7 @@ def test_what_is_saved_is_loaded(saved: Path) -> None:
 
 def test_an_agent_is_evaluated_like_an_expert(saved: Path) -> None:
     loaded = load_agent(saved)
-    first, again = (evaluate(loaded, ENV, range(4), lanes=lanes) for lanes in (4, 4))
+    first, again = (evaluate(loaded, ENV, range(4), num_envs=num_envs) for num_envs in (4, 4))
     np.testing.assert_array_equal(first.returns, again.returns)
     assert first.policy == "Agent"
 

@@ -18,7 +18,7 @@ import torch
 from agents.training.amortise import MoveCost
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
-from agents.training.vec_env import LanesVecEnv
+from agents.training.vec_env import NativeVecEnv
 from agents.training.whole_episodes import WholeEpisodes
 
 ENV = "MinTorqueMove-v0"
@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "env_config": MOTION,
     "whole_episodes": True,
     "total_steps": 64,
-    "lanes": 16,
+    "num_envs": 16,
     "rollout_steps": 2,
     "batch_size": 32,
     "epochs": 1,
@@ -43,7 +43,7 @@ SMALL: dict[str, Any] = {
 
 
 class Given:
-    """One action a lane, decided beforehand."""
+    """One action an environment, decided beforehand."""
 
     def __init__(self, actions: Any) -> None:
         self.actions = actions
@@ -61,7 +61,7 @@ def test_the_cost_is_what_the_physics_spends(gravity: float) -> None:
     observations, _ = env.reset(seed=0)
     actions = np.random.default_rng(0).normal(scale=0.004, size=(64, env.single_action_space.shape[0]))  # type: ignore[index]
     cost = MoveCost(env.unwrapped.task)(torch.from_numpy(observations), torch.from_numpy(actions.astype(np.float32)))
-    spent = evaluate(Given(actions.astype(np.float32)), ENV, range(64), env_config=settings, lanes=64)
+    spent = evaluate(Given(actions.astype(np.float32)), ENV, range(64), env_config=settings, num_envs=64)
     gentle = spent.metrics["limit_ratio"] < 0.9  # no price for what exceeds a limit
     assert gentle.sum() >= 10
     np.testing.assert_allclose(cost.numpy()[gentle], spent.metrics["quintic_ratio"][gentle], rtol=0.02)
@@ -97,17 +97,17 @@ def test_other_environments_are_refused(tmp_path: Path) -> None:
         run.train()
 
 
-def test_a_step_is_an_episode_in_every_lane() -> None:
-    lanes = LanesVecEnv(WholeEpisodes(gym.make_vec(ENV, num_envs=6, **MOTION)))
-    lanes.seed(3)
-    first = lanes.reset()
-    actions = np.zeros((6, lanes.action_space.shape[0]), np.float32)  # type: ignore[index]
-    observations, returns, ended, infos = lanes.step(actions)
-    expected = evaluate(Given(actions), ENV, range(3, 9), env_config=MOTION, lanes=6)
+def test_a_step_is_an_episode_in_every_environment() -> None:
+    venv = NativeVecEnv(WholeEpisodes(gym.make_vec(ENV, num_envs=6, **MOTION)))
+    venv.seed(3)
+    first = venv.reset()
+    actions = np.zeros((6, venv.action_space.shape[0]), np.float32)  # type: ignore[index]
+    observations, returns, ended, infos = venv.step(actions)
+    expected = evaluate(Given(actions), ENV, range(3, 9), env_config=MOTION, num_envs=6)
     np.testing.assert_allclose(returns, expected.returns, rtol=1e-6)
     assert ended.all()
     assert not np.array_equal(first, observations)
-    for lane, info in enumerate(infos):
-        assert info["torque_l1"] == expected.metrics["torque_l1"][lane]
+    for env_index, info in enumerate(infos):
+        assert info["torque_l1"] == expected.metrics["torque_l1"][env_index]
         assert info["terminal_observation"].shape == (observations.shape[1],)
         assert info["TimeLimit.truncated"] is False

@@ -58,7 +58,7 @@ def test_the_leaderboards_bound_is_stored_for_the_standard_episodes_and_searched
 ) -> None:
     asked = []
     solve = dodge_bound.solve
-    monkeypatch.setattr(dodge_bound, "solve", lambda env, lane: asked.append(lane) or solve(env, lane))
+    monkeypatch.setattr(dodge_bound, "solve", lambda env, env_index: asked.append(env_index) or solve(env, env_index))
     batch: Any = gym.make_vec(ENV_ID, num_envs=2)
     batch.reset(seed=4)
     assert dodge_bound.time_to_goal(batch.unwrapped, 1, 5) == stored_bound([5])[0]
@@ -109,10 +109,10 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path = tmp_path / "bound.json"
     solve = dodge_bound.solve
 
-    def interrupted(env: Any, lane: int) -> Any:
-        if lane == 1:
+    def interrupted(env: Any, env_index: int) -> Any:
+        if env_index == 1:
             raise KeyboardInterrupt
-        return solve(env, lane)
+        return solve(env, env_index)
 
     monkeypatch.setattr(dodge_bound, "solve", interrupted)
     main(DodgeBoundOptions(seeds=3, out=path))

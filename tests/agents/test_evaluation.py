@@ -29,7 +29,7 @@ class Linear:
     ) -> tuple[Any, Any]:
         if state is None:
             self.first.append(observation.copy())
-        # Element by element: the sums must not depend on how many lanes there are.
+        # Element by element: the sums must not depend on how many environments there are.
         action = np.stack([(observation * column).sum(axis=1) for column in self.weights.T], axis=1)
         return np.tanh(action).astype(np.float32), 0
 
@@ -59,7 +59,7 @@ def test_equals_a_loop_by_hand_bit_for_bit(
     policy: Policy | str, config: dict[str, Any], options: dict[str, Any]
 ) -> None:
     seeds = [5, 3, 11, 4]
-    evaluation = agents.evaluate(policy, ENV_ID, seeds, env_config=config, options=options, lanes=3)
+    evaluation = agents.evaluate(policy, ENV_ID, seeds, env_config=config, options=options, num_envs=3)
     for episode, seed in enumerate(seeds):
         wanted = by_hand(policy, seed, options, **config)
         ratios = wanted.pop("limit_ratios")
@@ -69,8 +69,8 @@ def test_equals_a_loop_by_hand_bit_for_bit(
 
 
 @pytest.mark.parametrize("policy", ["dpct", "follower"])
-def test_number_of_lanes_changes_nothing(policy: str) -> None:
-    one, many = (agents.evaluate(policy, ENV_ID, range(5), lanes=lanes) for lanes in (1, 256))
+def test_number_of_environments_changes_nothing(policy: str) -> None:
+    one, many = (agents.evaluate(policy, ENV_ID, range(5), num_envs=num_envs) for num_envs in (1, 256))
     for key, values in flat(one).items():
         np.testing.assert_array_equal(values, flat(many)[key], err_msg=key)
 
@@ -78,7 +78,7 @@ def test_number_of_lanes_changes_nothing(policy: str) -> None:
 def test_every_policy_meets_the_same_starts() -> None:
     gentle, fierce = Linear(0.1), Linear(10.0)
     for policy in (gentle, fierce):
-        agents.evaluate(policy, ENV_ID, range(7), lanes=4)
+        agents.evaluate(policy, ENV_ID, range(7), num_envs=4)
     np.testing.assert_array_equal(np.concatenate(gentle.first), np.concatenate(fierce.first))
     assert len(np.unique(np.concatenate(gentle.first), axis=0)) == 7
 
@@ -91,7 +91,7 @@ def test_the_papers_start_is_the_same_for_every_seed() -> None:
 
 def test_progress_counts_the_episodes() -> None:
     told: list[int] = []
-    agents.evaluate(Linear(), ENV_ID, range(7), lanes=3, progress=told.append)
+    agents.evaluate(Linear(), ENV_ID, range(7), num_envs=3, progress=told.append)
     assert told == [3, 3, 1]
 
 
@@ -111,8 +111,8 @@ class Planner(Linear):
 
 
 def test_planning_is_told_apart_from_the_policys_steps() -> None:
-    timing = agents.evaluate(Planner(), ENV_ID, range(5), lanes=3).timing
-    assert (timing.lane_steps, timing.plans, timing.infeasible) == (5 * 150, 5, 2)
+    timing = agents.evaluate(Planner(), ENV_ID, range(5), num_envs=3).timing
+    assert (timing.env_steps, timing.plans, timing.infeasible) == (5 * 150, 5, 2)
     assert timing.planning_ms == pytest.approx(1e-6, rel=1e-4)
     assert timing.policy_us > 0.0
     assert timing.env_us == pytest.approx(1e6 * timing.env_seconds / 750)
@@ -148,8 +148,8 @@ def countdown_id() -> Iterator[str]:
     del gym.registry["Countdown-v0"]
 
 
-def test_lanes_that_end_at_different_times_count_once(countdown_id: str) -> None:
-    evaluation = agents.evaluate(Linear(), countdown_id, range(12), lanes=5)
+def test_environments_that_end_at_different_times_count_once(countdown_id: str) -> None:
+    evaluation = agents.evaluate(Linear(), countdown_id, range(12), num_envs=5)
     lengths = [int(gym.utils.seeding.np_random(seed)[0].integers(1, 9)) for seed in range(12)]
     assert len(set(lengths[:5])) > 1
     assert evaluation.lengths.tolist() == evaluation.returns.tolist() == lengths
@@ -161,7 +161,7 @@ def test_lanes_that_end_at_different_times_count_once(countdown_id: str) -> None
 
 
 def test_what_a_policy_takes_the_payload_for_is_kept() -> None:
-    evaluation = agents.evaluate("adaptive", "ExcavatorPayload-v0", range(3), lanes=2)
+    evaluation = agents.evaluate("adaptive", "ExcavatorPayload-v0", range(3), num_envs=2)
     np.testing.assert_allclose(evaluation.metrics["mass_estimate"], evaluation.metrics["payload_mass"], atol=15.0)
     assert "mass_estimate" not in agents.evaluate("follower", ENV_ID, [0]).metrics
 
@@ -171,7 +171,7 @@ def test_what_a_policy_takes_the_payload_for_is_kept() -> None:
     [
         ({"seeds": []}, "no seeds"),
         ({"seeds": [3, -1]}, "seed -1"),
-        ({"lanes": 0}, "lanes 0"),
+        ({"num_envs": 0}, "environments 0"),
         ({"policy": "dpkt"}, 'did you mean "dpct"'),
         ({"policy": 3}, "predict"),
         ({"env_config": {"horizn": 2.0}}, 'did you mean "horizon"'),

@@ -59,9 +59,9 @@ def test_missing_files_and_unknown_names(tmp_path: Path) -> None:
 
 
 def test_the_command_line_changes_the_experiment() -> None:
-    options = BenchmarkOptions(episodes=2, seed=9, policies=("random",), tasks=("ConveyorTrack-v0/paper",), lanes=1)
+    options = BenchmarkOptions(episodes=2, seed=9, policies=("random",), tasks=("ConveyorTrack-v0/paper",), num_envs=1)
     config = options.resolve()
-    assert (config.episodes, config.seed, config.policies, config.lanes) == (2, 9, ("random",), 1)
+    assert (config.episodes, config.seed, config.policies, config.num_envs) == (2, 9, ("random",), 1)
     assert [task.title for task in config.tasks] == ["ConveyorTrack-v0/paper"]
 
 

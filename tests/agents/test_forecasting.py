@@ -62,10 +62,10 @@ def drawn(episodes: int, **options: Any) -> tuple[NDArray[Any], Array]:
         observations = env.reset(seed=[7000 + i for i in range(episodes)], options=options)[0]  # type: ignore[arg-type]
         task = env.unwrapped.task  # type: ignore[attr-defined]
         moves, paths = np.zeros(episodes, MOVE), []
-        for lane, observation in enumerate(observations):
+        for env_index, observation in enumerate(observations):
             problem = task.motion_problem(observation)
-            moves[lane] = aimed_move(ARM, problem.joint_limits, problem.q, problem.target.position)
-            paths.append(task.obstacle_path(lane)[:, 0] - ARM.base_array)
+            moves[env_index] = aimed_move(ARM, problem.joint_limits, problem.q, problem.target.position)
+            paths.append(task.obstacle_path(env_index)[:, 0] - ARM.base_array)
     return moves, np.array(paths)
 
 

@@ -27,8 +27,8 @@ def dodger(env: Any) -> ForecastingDodger:
     return ForecastingDodger(env.unwrapped.task, FORECASTER)
 
 
-def episodes(seeds: Any = SEEDS, lanes: int = 256, **env_config: Any) -> Evaluation:
-    return evaluate(dodger, ENV, seeds, env_config=env_config, lanes=lanes)
+def episodes(seeds: Any = SEEDS, num_envs: int = 256, **env_config: Any) -> Evaluation:
+    return evaluate(dodger, ENV, seeds, env_config=env_config, num_envs=num_envs)
 
 
 @pytest.mark.parametrize("mode", ["torque", "acceleration", "velocity"])
@@ -43,8 +43,8 @@ def test_more_are_dodged_than_with_the_fields_own_forecasts() -> None:
     assert episodes(seeds).success.sum() > evaluate("apf", ENV, seeds).success.sum()
 
 
-def test_a_lane_is_bit_for_bit_the_episode_alone() -> None:
-    batch, alone = episodes(SEEDS[:6]), episodes(SEEDS[:6], lanes=1)
+def test_a_environment_is_bit_for_bit_the_episode_alone() -> None:
+    batch, alone = episodes(SEEDS[:6]), episodes(SEEDS[:6], num_envs=1)
     np.testing.assert_array_equal(batch.returns, alone.returns)
     np.testing.assert_array_equal(batch.lengths, alone.lengths)
     with closing(gym.make(ENV)) as env:
@@ -57,10 +57,10 @@ def test_a_lane_is_bit_for_bit_the_episode_alone() -> None:
 
 
 def actions_of(policy: ForecastingDodger, seeds: list[int], steps: int = 60, *, hand_back: bool) -> Array:
-    """Actions of a batch, ``(steps, lanes, 2)``, with the state handed back or remembered within."""
+    """Actions of a batch, ``(steps, environments, 2)``, with the state handed back or remembered within."""
     taken, state = [], None
     with closing(gym.make_vec(ENV, num_envs=len(seeds))) as env:
-        observation = env.reset(seed=seeds)[0]  # type: ignore[arg-type]  # a seed a lane
+        observation = env.reset(seed=seeds)[0]  # type: ignore[arg-type]  # a seed an environment
         for _ in range(steps):
             actions, told = policy.predict(observation, state=state)
             state = told if hand_back else None
@@ -93,7 +93,7 @@ def test_the_state_that_is_handed_back_is_not_changed() -> None:
         assert (later.tracks["seen"] == 2).all()
 
 
-def test_a_lane_that_begins_anew_forgets() -> None:
+def test_a_environment_that_begins_anew_forgets() -> None:
     with closing(gym.make_vec(ENV, num_envs=2)) as env:
         policy = dodger(env)
         state: Any = None
@@ -137,10 +137,10 @@ def errors_of_forecasts(seeds: range, seconds: float) -> dict[str, Array]:
     with closing(gym.make_vec(ENV, num_envs=len(seeds))) as env:
         observations = env.reset(seed=list(seeds))[0]  # type: ignore[arg-type]
         task: Any = env.unwrapped.task  # type: ignore[attr-defined]
-        for lane, observation in enumerate(observations):
+        for env_index, observation in enumerate(observations):
             problem = task.motion_problem(observation)
             move = aimed_move(problem.arm, problem.joint_limits, problem.q, problem.target.position)
-            path, track = task.obstacle_path(lane)[:, 0] - problem.arm.base_array, new_tracks(1)[0]
+            path, track = task.obstacle_path(env_index)[:, 0] - problem.arm.base_array, new_tracks(1)[0]
             for now in range(0, 300, 2):
                 since = max(now, 1)
                 seen = np.array([path[now], (path[since] - path[since - 1]) / PATH_STEP], dtype=np.float32).astype(

@@ -27,7 +27,7 @@ def evaluation(policy: str, success: list[bool], settling_time: list[float], ret
             "steady_state_error": np.full(n, 2e-4),
             "limit_ratio": np.array([1.0, 1.003, 1.004, 1.021][:n]),
         },
-        timing=Timing(lane_steps=600, plans=4, planning_seconds=0.02, policy_seconds=0.0012, env_seconds=0.003),
+        timing=Timing(env_steps=600, plans=4, planning_seconds=0.02, policy_seconds=0.0012, env_seconds=0.003),
     )
 
 

@@ -205,7 +205,7 @@ def test_real_runs_are_shipped_and_drawn(tmp_path: Path, capsys: pytest.CaptureF
     pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
     from agents import cli
 
-    small = ["total_steps=400", "lanes=4", "rollout_steps=50", "batch_size=100", "hidden=[8]", "warm_start=null"]
+    small = ["total_steps=400", "num_envs=4", "rollout_steps=50", "batch_size=100", "hidden=[8]", "warm_start=null"]
     small += ["checkpoint_steps=200", "evaluation_episodes=2", "rivals=[apf]"]
     folders = [tmp_path / f"run-{seed}" for seed in range(2)]
     for seed, folder in enumerate(folders):

@@ -57,9 +57,9 @@ def test_environment_check(env_id: str, control_mode: str) -> None:
     [(env_id, name) for env_id in known_env_ids() for name in expert_names(env_id) if name != "random"],
 )
 def test_an_expert_is_evaluated_like_a_policy(env_id: str, name: str) -> None:
-    lanes = DummyVecEnv([lambda: Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))])
-    expert: Any = envs.make_expert(name, lanes.envs[0])
-    lanes.seed(0)
+    venv = DummyVecEnv([lambda: Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))])
+    expert: Any = envs.make_expert(name, venv.envs[0])
+    venv.seed(0)
     ends: list[dict[str, Any]] = []
 
     def watch(local: dict[str, Any], _: Any) -> None:
@@ -67,7 +67,7 @@ def test_an_expert_is_evaluated_like_a_policy(env_id: str, name: str) -> None:
             ends.append(local["info"])
 
     returns, lengths = evaluate_policy(
-        expert, lanes, n_eval_episodes=EPISODES, callback=watch, return_episode_rewards=True
+        expert, venv, n_eval_episodes=EPISODES, callback=watch, return_episode_rewards=True
     )
     assert returns == pytest.approx(returns_by_hand(env_id, name), abs=1e-6)
     assert [info["episode"]["l"] for info in ends] == lengths

@@ -27,8 +27,8 @@ from agents.cli import main
 from agents.policies.agent import FORMAT
 from agents.training.ppo import SegmentedPPO, agent_tensors
 from agents.training.recipe import TrainingConfig
-from agents.training.run import TRAINING_SEEDS, TrainingRun, Watcher, _lane_seed
-from agents.training.vec_env import LanesVecEnv
+from agents.training.run import TRAINING_SEEDS, TrainingRun, Watcher, _env_seed
+from agents.training.vec_env import NativeVecEnv
 from agents.training.warm_start import clone_expert, collect, returns_to_go
 from agents.yaml_config import load_experiment, shipped_experiments
 from envs.conveyor_track.env import LAYOUT
@@ -38,7 +38,7 @@ SMALL: dict[str, Any] = {
     "env_config": {"control_mode": "jerk", "horizon": 2.0},
     "seed": 3,
     "total_steps": 1200,
-    "lanes": 4,
+    "num_envs": 4,
     "rollout_steps": 50,
     "batch_size": 100,
     "epochs": 2,
@@ -184,7 +184,7 @@ def test_shipped_experiments_give_the_same_weights_twice(name: str, tmp_path: Pa
     config = load_experiment(name, TrainingConfig)
     changes = [
         "total_steps=3200",
-        "lanes=8",
+        "num_envs=8",
         "rollout_steps=200",
         "batch_size=400",
         "epochs=2",
@@ -235,7 +235,7 @@ def test_what_a_run_leaves(finished: Path) -> None:
 
 
 def test_an_agent_acts_as_its_torch_network() -> None:
-    env = LanesVecEnv(gym.make_vec(SMALL["env"], num_envs=4, **SMALL["env_config"]))
+    env = NativeVecEnv(gym.make_vec(SMALL["env"], num_envs=4, **SMALL["env_config"]))
     model = SegmentedPPO(small(hidden=[64, 64]), env, LAYOUT)
     torch.manual_seed(0)
     for parameter in model.policy.parameters():
@@ -248,7 +248,7 @@ def test_an_agent_acts_as_its_torch_network() -> None:
 
 
 def test_training_seeds_are_none_of_the_evaluations() -> None:
-    seeds = [_lane_seed(seed, segment) for seed in range(20) for segment in range(20)]
+    seeds = [_env_seed(seed, segment) for seed in range(20) for segment in range(20)]
     assert min(seeds) >= TRAINING_SEEDS
     assert max(seeds) < 2**32 - 2**16
     assert len(set(seeds)) == len(seeds)
@@ -264,7 +264,7 @@ def test_a_clone_acts_much_like_its_expert() -> None:
     plan = {"expert": "apf", "episodes": 64, "rounds": 1, "updates": 1500, "batch_size": 128}
     config = small(warm_start=plan, hidden=[32, 32])
     with closing(gym.make_vec(SMALL["env"], num_envs=16, **SMALL["env_config"])) as env:
-        model = SegmentedPPO(config, LanesVecEnv(env), LAYOUT)
+        model = SegmentedPPO(config, NativeVecEnv(env), LAYOUT)
         assert clone_expert(model.policy, config, TRAINING_SEEDS)
         seen, labels, rewards = (np.concatenate(values) for values in collect(env, "apf", None, seed=0))
         own_states, own_labels, _ = (np.concatenate(values) for values in collect(env, "apf", model.policy, seed=0))
@@ -285,7 +285,7 @@ def test_discounted_returns() -> None:
 def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
     config = load_experiment(name, TrainingConfig)
     assert config.env == name.removeprefix("ppo/")
-    few = ["total_steps=1", "evaluation_episodes=2", "lanes=2", "rollout_steps=4", "batch_size=8", "rivals=[apf]"]
+    few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8", "rivals=[apf]"]
     assert main(["train", name, *few, "warm_start=null", "amortise=null", "--seed", "1", "--out", str(tmp_path)]) == 0
     assert load_agent(tmp_path).document["training"]["seed"] == 1
 

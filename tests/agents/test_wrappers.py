@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
-from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordLaneStatistics
+from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordBatchStatistics
 
 import envs
 from agents.evaluation.evaluate import known_env_ids
@@ -47,10 +47,10 @@ def test_episode_statistics(env_id: str, name: str) -> None:
 
 
 @every_expert
-def test_lane_statistics(env_id: str, name: str) -> None:
-    lanes = gym.make_vec(env_id, num_envs=3)
-    env = RecordLaneStatistics(lanes)
-    expert = envs.make_expert(name, lanes)
+def test_environment_statistics(env_id: str, name: str) -> None:
+    venv = gym.make_vec(env_id, num_envs=3)
+    env = RecordBatchStatistics(venv)
+    expert = envs.make_expert(name, venv)
     observation, _ = env.reset(seed=5)
     state, begins = None, np.ones(3, dtype=bool)
     totals, lengths, seen = np.zeros(3), np.zeros(3, dtype=int), np.zeros(3, dtype=bool)

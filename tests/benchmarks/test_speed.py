@@ -26,7 +26,7 @@ from envs.physics import chipmunk
 from planners.apf import dodge_accelerations, tuned_gains
 from planners.typing import Array
 
-LANES, SUBSTEPS, PERIODS = 256, 10, 100
+N_ENVS, SUBSTEPS, PERIODS = 256, 10, 100
 MID_EPISODE, DODGE_PERIODS = 50, 20
 space_step = chipmunk.space_step
 
@@ -48,10 +48,10 @@ def steps(env_id: str, count: int = 500) -> Callable[[], None]:
 
 
 def batch_steps() -> Callable[[], None]:
-    """Control steps of many lanes, automatic resets included."""
-    vector = gym.make_vec("ConveyorTrack-v0", num_envs=LANES)
+    """Control steps of many environments, automatic resets included."""
+    vector = gym.make_vec("ConveyorTrack-v0", num_envs=N_ENVS)
     vector.reset(seed=0)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (LANES, 2)).astype(np.float32)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (N_ENVS, 2)).astype(np.float32)
 
     def run() -> None:
         for _ in range(PERIODS):
@@ -72,7 +72,7 @@ class DodgeEpisode:
 
 @pytest.fixture
 def dodge_episode() -> Iterator[DodgeEpisode]:
-    with closing(gym.make_vec("ObstacleDodge-v0", num_envs=LANES)) as vector:
+    with closing(gym.make_vec("ObstacleDodge-v0", num_envs=N_ENVS)) as vector:
         task = vector.unwrapped.task  # type: ignore[attr-defined]
         expert = make_expert("apf", vector)
         observations, _ = vector.reset(seed=0)
@@ -84,10 +84,10 @@ def dodge_episode() -> Iterator[DodgeEpisode]:
 
 
 def dodging_field(episode: DodgeEpisode) -> Callable[[], None]:
-    """An action of the field for every lane, again and again: half of the times it decides, as in control."""
+    """An action of the field for every environment, again and again: half of the times it decides, as in control."""
     task, seen, memory = episode.task, episode.seen, episode.memory.copy()
     base, gains = task.arm.base_array, tuned_gains()
-    places = seen["obstacle"].reshape(LANES, -1, 2) + base
+    places = seen["obstacle"].reshape(N_ENVS, -1, 2) + base
     rates = seen["obstacle_velocity"].reshape(places.shape)
 
     def run() -> None:
@@ -110,7 +110,7 @@ def dodging_field(episode: DodgeEpisode) -> Callable[[], None]:
 
 def dodging_steps(episode: DodgeEpisode) -> Callable[[], None]:
     """Control steps of the same batch, automatic resets included."""
-    actions = np.zeros((LANES, 2), dtype=np.float32)
+    actions = np.zeros((N_ENVS, 2), dtype=np.float32)
 
     def run() -> None:
         for _ in range(DODGE_PERIODS):
@@ -128,9 +128,9 @@ def sub_steps(spaces: Any, count: int, step: float) -> None:
 
 def bare_chipmunk() -> Callable[[], None]:
     """The physics of `batch_steps` and nothing else, on as many threads."""
-    vector = gym.make_vec("ConveyorTrack-v0", num_envs=LANES)
+    vector = gym.make_vec("ConveyorTrack-v0", num_envs=N_ENVS)
     vector.reset(seed=0)
-    halves = np.split(vector.unwrapped.task.lanes["space"].copy(), 2)  # type: ignore[attr-defined]
+    halves = np.split(vector.unwrapped.task.batch["space"].copy(), 2)  # type: ignore[attr-defined]
     pool = ThreadPoolExecutor(2)
 
     def run() -> None:
@@ -147,20 +147,20 @@ def test_single_step(benchmark: BenchmarkFixture, env_id: str) -> None:
     benchmark(steps(env_id))
 
 
-@pytest.mark.benchmark(group=f"{LANES} lanes, {PERIODS} control periods")
+@pytest.mark.benchmark(group=f"{N_ENVS} environments, {PERIODS} control periods")
 @pytest.mark.parametrize("work", [batch_steps, bare_chipmunk])
 def test_batch(benchmark: BenchmarkFixture, work: Callable[[], Callable[[], None]]) -> None:
     benchmark(work())
 
 
-@pytest.mark.benchmark(group=f"the dodging field, {LANES} lanes, {DODGE_PERIODS} control periods")
+@pytest.mark.benchmark(group=f"the dodging field, {N_ENVS} environments, {DODGE_PERIODS} control periods")
 @pytest.mark.parametrize("work", [dodging_field, dodging_steps])
 def test_dodging(
     benchmark: BenchmarkFixture, dodge_episode: DodgeEpisode, work: Callable[[DodgeEpisode], Callable[[], None]]
 ) -> None:
     benchmark(work(dodge_episode))
     if benchmark.stats is not None:  # it is measured
-        actions = DODGE_PERIODS * LANES
+        actions = DODGE_PERIODS * N_ENVS
         benchmark.extra_info["us an action"] = round(1e6 * benchmark.stats.stats.min / actions, 2)
 
 
@@ -191,8 +191,8 @@ def test_a_step_costs_at_most_half_of_reacher() -> None:
 @pytest.mark.usefixtures("measured")
 def test_the_batch_reaches_most_of_what_chipmunk_gives() -> None:
     ours, bare = fastest(batch_steps(), bare_chipmunk())
-    rate = LANES * PERIODS / ours
-    print(f"{LANES} lanes: {rate:,.0f} control steps a second, {bare / ours:.0%} of bare Chipmunk")
+    rate = N_ENVS * PERIODS / ours
+    print(f"{N_ENVS} environments: {rate:,.0f} control steps a second, {bare / ours:.0%} of bare Chipmunk")
     assert bare / ours >= 0.6
 
 
@@ -212,6 +212,6 @@ def test_cold_start() -> None:
 @pytest.mark.usefixtures("measured")
 def test_an_action_of_the_dodging_field_costs_at_most_a_step(dodge_episode: DodgeEpisode) -> None:
     field, step = fastest(dodging_field(dodge_episode), dodging_steps(dodge_episode))
-    per_action = 1e6 / (DODGE_PERIODS * LANES)
-    print(f"the dodging field {per_action * field:.2f} us an action, a step {per_action * step:.2f} us a lane")
+    per_action = 1e6 / (DODGE_PERIODS * N_ENVS)
+    print(f"the dodging field {per_action * field:.2f} us an action, a step {per_action * step:.2f} us an environment")
     assert step / field >= 1.0

@@ -70,7 +70,7 @@ def test_velocity_control_keeps_every_limit_by_construction(seed: int, hold: int
         if step % hold == 0:
             actions = generator.choice([-1.0, 1.0], (8, 2)).astype(np.float32)
         vector.step(actions)
-    ratios = vector.unwrapped.task.lanes["limit_ratios"]  # type: ignore[attr-defined]
+    ratios = vector.unwrapped.task.batch["limit_ratios"]  # type: ignore[attr-defined]
     assert ratios[:, LIMIT_KINDS.index("jerk")].max() == 0.0  # this arm has no such limit
     assert ratios.max() <= 1.005
 

@@ -84,13 +84,13 @@ def test_the_limits_are_those_of_the_loaded_arm() -> None:
 
 
 @every_task
-def test_a_batch_is_as_its_lanes(env_id: str) -> None:
+def test_a_batch_is_as_its_environments(env_id: str) -> None:
     with closing(gym.make_vec(env_id, num_envs=3, payload=0.2)) as env:
         batch, _ = actions_and_states(env, envs.make_expert("apf+adaptive", env), 12, seed=4)
-    for lane in range(3):
+    for env_index in range(3):
         with closing(gym.make_vec(env_id, num_envs=1, payload=0.2)) as env:
-            alone, _ = actions_and_states(env, envs.make_expert("apf+adaptive", env), 12, seed=4 + lane)
-        np.testing.assert_array_equal([step[0] for step in alone], [step[lane] for step in batch])
+            alone, _ = actions_and_states(env, envs.make_expert("apf+adaptive", env), 12, seed=4 + env_index)
+        np.testing.assert_array_equal([step[0] for step in alone], [step[env_index] for step in batch])
 
 
 @every_task
@@ -137,7 +137,7 @@ def test_a_torque_that_is_clipped_tells_nothing_wrong() -> None:
         np.testing.assert_allclose(states[-1].mass_estimate, 3.0, atol=0.02)
 
 
-def test_lanes_with_other_payloads_each_have_their_own_arm() -> None:
+def test_environments_with_other_payloads_each_have_their_own_arm() -> None:
     light, heavy = (gym.make_vec(TASKS[0], num_envs=1, payload=mass) for mass in (0.1, 0.3))
     with closing(light), closing(heavy):
         one, other, both = (envs.make_expert("lagrange+adaptive", light) for _ in range(3))

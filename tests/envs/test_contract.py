@@ -213,8 +213,8 @@ def _first_observations(env_id: str, method: str) -> np.ndarray[Any, Any]:
 def test_workers(env_id: str, method: str) -> None:
     assert method in multiprocessing.get_all_start_methods()
     first = _first_observations(env_id, method)
-    for lane in range(2):
-        np.testing.assert_array_equal(first[lane], gym.make(env_id).reset(seed=3 + lane)[0])
+    for env_index in range(2):
+        np.testing.assert_array_equal(first[env_index], gym.make(env_id).reset(seed=3 + env_index)[0])
 
 
 @every_env
@@ -244,7 +244,7 @@ def test_an_unknown_option_is_refused_and_changes_nothing(env_id: str) -> None:
     with pytest.raises(ValueError, match='did you mean "scenario"'):
         env.reset(options={"senario": "paper"})
     assert (env.unwrapped.motion_problem().q == env.unwrapped.motion_problem().q).all()  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(env.unwrapped.task.lanes["observation"][0], before)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(env.unwrapped.task.batch["observation"][0], before)  # type: ignore[attr-defined]
 
 
 @every_env

@@ -78,8 +78,8 @@ class TestStart:
     def test_every_one_can_be_solved_within_all_limits(self) -> None:
         vector = gym.make_vec(ENV_ID, num_envs=150)
         vector.reset(seed=1000)
-        for lane in range(150):
-            plan = dpct.plan(vector.unwrapped.motion_problem(lane))  # type: ignore[attr-defined]
+        for env_index in range(150):
+            plan = dpct.plan(vector.unwrapped.motion_problem(env_index))  # type: ignore[attr-defined]
             assert plan.limit_ratio <= 1.0
             assert plan.rendezvous_time <= 2.5
             assert plan.duration >= 3.0 - 1e-9
@@ -115,7 +115,7 @@ class TestStart:
         before, _ = env.reset(seed=0)
         with pytest.raises(ValueError, match=reason):
             env.reset(options={**PAPER, **options})
-        np.testing.assert_array_equal(env.unwrapped.task.lanes["observation"][0], before)
+        np.testing.assert_array_equal(env.unwrapped.task.batch["observation"][0], before)
 
     def test_a_horizon_that_no_start_fits_is_refused(self) -> None:
         with pytest.raises(ValueError, match=r"horizon 0\.6 s minus hold_time 0\.5 s"):
@@ -142,9 +142,9 @@ class TestPart:
         for k in range(1, 101):
             seen = LAYOUT.parse(env.step(np.zeros(2, dtype=np.float32))[0])
             position, velocity = belt.at(0.02 * k)
-            lane = env.unwrapped.task.lanes[0]
-            assert lane["part_position"] == pytest.approx(position, abs=1e-12)
-            assert lane["part_velocity"] == pytest.approx(velocity, abs=1e-12)
+            record = env.unwrapped.task.batch[0]
+            assert record["part_position"] == pytest.approx(position, abs=1e-12)
+            assert record["part_velocity"] == pytest.approx(velocity, abs=1e-12)
             assert seen["part_acceleration"] == pytest.approx([acceleration, 0.0], abs=1e-8)
 
     def test_payload_slows_the_same_torque(self) -> None:
@@ -245,9 +245,9 @@ class TestExpert:
         observations, _ = vector.reset(seed=0)
         for name in ("dpct", "follower", "random"):
             batch, _ = envs.make_expert(name, vector).predict(observations)
-            for lane in range(4):
-                alone, _ = envs.make_expert(name, vector).predict(observations[lane])
-                np.testing.assert_array_equal(batch[lane], alone)
+            for env_index in range(4):
+                alone, _ = envs.make_expert(name, vector).predict(observations[env_index])
+                np.testing.assert_array_equal(batch[env_index], alone)
 
     def test_random_actions_are_uniform_and_uncorrelated(self) -> None:
         vector = gym.make_vec(ENV_ID, num_envs=200)
@@ -277,18 +277,18 @@ class TestExpert:
 class TestMeasures:
     def test_info_against_the_raw_rollout(self) -> None:
         env = made()
-        lane = env.unwrapped.task.lanes[0]
+        record = env.unwrapped.task.batch[0]
         expert = envs.make_expert("follower", env)
         observation, info = env.reset(seed=12)
         state, errors, costs, over = None, [], [], False
-        costs.append((lane["error"] ** 2 + lane["velocity_error"] ** 2) / 0.25)
+        costs.append((record["error"] ** 2 + record["velocity_error"] ** 2) / 0.25)
         while not over:
             action, state = expert.predict(observation, state)
             observation, _, _, over, info = env.step(action)
-            hand = SCARA_1M.forward_kinematics(lane["q"])
-            hand_velocity = SCARA_1M.jacobian(lane["q"]) @ lane["qd"]
-            error = np.linalg.norm(lane["part_position"] - hand)
-            velocity_error = np.linalg.norm(lane["part_velocity"] - hand_velocity)
+            hand = SCARA_1M.forward_kinematics(record["q"])
+            hand_velocity = SCARA_1M.jacobian(record["q"]) @ record["qd"]
+            error = np.linalg.norm(record["part_position"] - hand)
+            velocity_error = np.linalg.norm(record["part_velocity"] - hand_velocity)
             errors.append((error, velocity_error))
             costs.append((error**2 + velocity_error**2) / 0.25)
         within = [position <= 1e-3 and velocity <= 2e-3 for position, velocity in errors]

@@ -14,26 +14,28 @@ from planners import Infeasible, MotionProblem, Trajectory
 from planners.typing import Array
 
 ENV_ID = "ExcavatorPayload-v0"
-LANES = 8
+N_ENVS = 8
 OWN_WAY = ("dpct", "lagrange", "apf")
 NAMES = [name for name in expert_names(ENV_ID) if name != "random"]
 
 Ends = dict[str, Array]
 
 
-def finish(name: str, lanes: int = LANES, options: dict[str, Any] | None = None, **config: Any) -> tuple[Ends, Any]:
-    """One episode a lane: what its info says at the end, and the expert, whose estimates are those of the end."""
-    env = gym.make_vec(ENV_ID, num_envs=lanes, **config)
+def finish(name: str, batch: int = N_ENVS, options: dict[str, Any] | None = None, **config: Any) -> tuple[Ends, Any]:
+    """One episode an environment: its last info, and the expert with its last estimates."""
+    env = gym.make_vec(ENV_ID, num_envs=batch, **config)
     expert = envs.make_expert(name, env)
     observation, _ = env.reset(seed=0, options=options)
     ends: dict[int, dict[str, float]] = {}
-    while len(ends) < lanes:
+    while len(ends) < batch:
         actions, _ = expert.predict(observation)
         observation, _, terminated, truncated, infos = env.step(actions)
-        for lane in np.flatnonzero(terminated | truncated):
+        for env_index in np.flatnonzero(terminated | truncated):
             final = infos["final_info"]
-            ends.setdefault(lane, {key: final[key][lane] for key in ("is_success", "payload_mass", "waypoint_error")})
-    return {key: np.array([ends[lane][key] for lane in range(lanes)]) for key in ends[0]}, expert
+            ends.setdefault(
+                env_index, {key: final[key][env_index] for key in ("is_success", "payload_mass", "waypoint_error")}
+            )
+    return {key: np.array([ends[env_index][key] for env_index in range(batch)]) for key in ends[0]}, expert
 
 
 def observations(env: Any, expert: Any, steps: int) -> list[Any]:
@@ -95,7 +97,7 @@ def test_a_load_that_comes_and_goes_is_weighed_again() -> None:
 
 @pytest.mark.parametrize("name", OWN_WAY)
 def test_an_own_way_leads_through_the_waypoints(name: str) -> None:
-    ends, expert = finish(name, lanes=3)
+    ends, expert = finish(name, batch=3)
     assert (ends["waypoint_error"] < 0.01).all()
     assert not ends["is_success"].any()  # it is not the way that the reference takes
     assert expert.infeasible == 0
@@ -105,7 +107,7 @@ def test_an_own_way_leads_through_the_waypoints(name: str) -> None:
 def test_the_way_of_the_follower_is_the_reference() -> None:
     ends, expert = finish("follower")
     assert ends["is_success"].all()
-    assert expert.plans_made > LANES
+    assert expert.plans_made > N_ENVS
 
 
 def test_without_a_plan_the_reference_is_followed() -> None:
@@ -135,15 +137,15 @@ def test_the_state_is_all_that_an_expert_remembers(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_lanes_know_nothing_of_each_other(name: str) -> None:
+def test_environments_know_nothing_of_each_other(name: str) -> None:
     env: Any = gym.make_vec(ENV_ID, num_envs=3)
     single: Any = gym.make(ENV_ID)
     together, alone = envs.make_expert(name, env), envs.make_expert(name, single)
     observation, _ = env.reset(seed=5)
-    state, lane_state = None, None
+    state, env_state = None, None
     for _ in range(40):
         actions, state = together.predict(observation, state)
-        action, lane_state = alone.predict(observation[1], lane_state)
+        action, env_state = alone.predict(observation[1], env_state)
         np.testing.assert_allclose(action, actions[1], atol=1e-6)
         observation, *_ = env.step(actions)
 

@@ -28,7 +28,7 @@ def make(**config: Any) -> Any:
 def follow(env: Any, law: str = "integral-slotine-li") -> tuple[list[Any], dict[str, Any]]:
     """Play the episode that has begun with a controller that sees the observation only: its steps and last info."""
     controller, steps = make_planar_controller(law), []
-    observation = env.task.lanes["observation"][0].copy()
+    observation = env.task.batch["observation"][0].copy()
     while True:
         seen = {name: value[None] for name, value in env.task.layout.parse(observation).items()}
         q, qd = seen["joint_position"], seen["joint_velocity"]
@@ -55,8 +55,8 @@ def test_an_adaptive_controller_succeeds_and_a_fixed_one_does_not() -> None:
 def test_the_numbers_of_an_episode(level: int) -> None:
     env = make(level=level)
     env.reset(seed=1, options={"payload": 200.0, "friction_scale": 0.9})
-    angles, times = env.task.lanes["waypoints"][0].copy(), env.task.lanes["due"][0].copy()
-    pick, drop = int(env.task.lanes["pick_step"][0]), int(env.task.lanes["drop_step"][0])
+    angles, times = env.task.batch["waypoints"][0].copy(), env.task.batch["due"][0].copy()
+    pick, drop = int(env.task.batch["pick_step"][0]), int(env.task.batch["drop_step"][0])
     assert (pick, drop) == (0, -1) or (150 <= pick <= 250 and 400 <= drop <= 450)
     steps, info = follow(env)
     assert level == 2 or info["limit_ratios"]["torque"] < 1.0
@@ -97,7 +97,7 @@ def test_the_reward() -> None:
     before = np.zeros(3)
     for action in np.random.default_rng(0).uniform(-0.2, 0.2, (50, 3)).astype(np.float32):
         _, reward, *_, info = env.step(action)
-        error = np.linalg.norm(env.task.lanes["tip"][0] - env.task.lanes["wanted_tip"][0])
+        error = np.linalg.norm(env.task.batch["tip"][0] - env.task.batch["wanted_tip"][0])
         assert info["reward_terms"]["tracking"] == pytest.approx((1.0 - min(1.0, error / 0.2)) / 60.0)
         assert info["reward_terms"]["smoothness"] == pytest.approx(-0.5 * np.sum((action - before) ** 2) / 60.0)
         assert reward == pytest.approx(sum(info["reward_terms"].values()))
@@ -145,7 +145,7 @@ def test_no_observation_before_the_pick_up_tells_the_load() -> None:
     for payload in (0.0, 350.0):
         env = make(level=2, control_mode="residual")
         env.reset(seed=4, options={"payload": payload})
-        pick = int(env.task.lanes["pick_step"][0])
+        pick = int(env.task.batch["pick_step"][0])
         shown.append([env.step(RESTING)[0] for _ in range(pick + 5)])
     np.testing.assert_array_equal(shown[0][:pick], shown[1][:pick])
     assert (shown[0][-1] != shown[1][-1]).any()
@@ -154,21 +154,21 @@ def test_no_observation_before_the_pick_up_tells_the_load() -> None:
 def test_what_is_hidden_is_drawn_as_documented() -> None:
     task = gym.make_vec(ENV_ID, num_envs=400)
     task.reset(seed=0)
-    lanes = task.unwrapped.task.lanes  # type: ignore[attr-defined]
+    batch = task.unwrapped.task.batch  # type: ignore[attr-defined]
     ends = {"payload": (0.0, 350.0), "friction_scale": (0.7, 1.5)}
     for name, (low, high) in ends.items():
-        share = (lanes[name] - low) / (high - low)
+        share = (batch[name] - low) / (high - low)
         assert 0.0 <= share.min() < 0.02
         assert 0.98 < share.max() <= 1.0
         assert share.mean() == pytest.approx(0.5, abs=0.05)
     for axis, reach in enumerate((0.10, 0.08)):
-        offset = lanes["load_offset"][:, axis]
+        offset = batch["load_offset"][:, axis]
         assert np.abs(offset).max() <= reach
         assert np.ptp(offset) > 1.9 * reach
-        assert abs(np.corrcoef(offset, lanes["payload"])[0, 1]) < 0.15
+        assert abs(np.corrcoef(offset, batch["payload"])[0, 1]) < 0.15
     middling = gym.make_vec(ENV_ID, num_envs=400, lightest=40.0, payload=50.0)
     middling.reset(seed=0)
-    loads = middling.unwrapped.task.lanes["payload"]  # type: ignore[attr-defined]
+    loads = middling.unwrapped.task.batch["payload"]  # type: ignore[attr-defined]
     assert 40.0 <= loads.min() < 40.1
     assert 49.9 < loads.max() <= 50.0
 
@@ -226,7 +226,7 @@ def test_a_residual_adds_its_share() -> None:
         env = make(control_mode="residual")
         env.reset(seed=6)
         env.step(action)
-        torques.append(env.task.lanes["tau"][0].copy())
+        torques.append(env.task.batch["tau"][0].copy())
     np.testing.assert_allclose(torques[1] - torques[0], [9000.0, -4400.0, 3000.0], rtol=1e-9)
     np.testing.assert_allclose(torques[2] - torques[0], env.task.residual_scale, rtol=1e-9)
 
@@ -242,16 +242,16 @@ def test_last_torque_begins_with_what_holds_the_empty_machine() -> None:
 def test_the_drives_lag_on_level_2() -> None:
     env = make(level=2)
     env.reset(seed=0)
-    held = env.task.lanes["drive_torque"][0].copy()
+    held = env.task.batch["drive_torque"][0].copy()
     env.step(np.array([0.5, 0.2, 0.1], dtype=np.float32))
-    done = (env.task.lanes["drive_torque"][0] - held) / (env.task.lanes["tau"][0] - held)
+    done = (env.task.batch["drive_torque"][0] - held) / (env.task.batch["tau"][0] - held)
     np.testing.assert_allclose(done, 1.0 - math.exp(-0.02 / 0.03), rtol=1e-9)
 
 
 @pytest.mark.parametrize("control_mode", ["torque", "residual"])
-@pytest.mark.parametrize("num_envs", [3, 70])  # 70 lanes run on two threads
-def test_lanes_equal_single_environments_bit_for_bit(num_envs: int, control_mode: str) -> None:
-    steps = 650  # some lanes end early, all begin a second episode
+@pytest.mark.parametrize("num_envs", [3, 70])  # 70 environments run on two threads
+def test_environments_equal_single_environments_bit_for_bit(num_envs: int, control_mode: str) -> None:
+    steps = 650  # some environments end early, all begin a second episode
     actions = np.random.default_rng(0).uniform(-0.3, 0.6, (steps, num_envs, 3)).astype(np.float32)
     vector = gym.make_vec(ENV_ID, num_envs=num_envs, level=2, control_mode=control_mode)
     shown = [vector.reset(seed=30)[0]]
@@ -260,15 +260,15 @@ def test_lanes_equal_single_environments_bit_for_bit(num_envs: int, control_mode
         observations, rewards, terminated, truncated, _ = vector.step(action)
         shown.append(observations)
         ended.append((rewards, terminated, truncated))
-    for lane in (0, num_envs // 2, num_envs - 1):
+    for env_index in (0, num_envs // 2, num_envs - 1):
         env = make(level=2, control_mode=control_mode)
-        np.testing.assert_array_equal(env.reset(seed=30 + lane)[0], shown[0][lane])
+        np.testing.assert_array_equal(env.reset(seed=30 + env_index)[0], shown[0][env_index])
         for k in range(steps):
-            observation, *outcome, _ = env.step(actions[k, lane])
-            assert outcome == [part[lane] for part in ended[k]]
+            observation, *outcome, _ = env.step(actions[k, env_index])
+            assert outcome == [part[env_index] for part in ended[k]]
             if outcome[1] or outcome[2]:
                 observation, _ = env.reset()
-            np.testing.assert_array_equal(observation, shown[k + 1][lane])
+            np.testing.assert_array_equal(observation, shown[k + 1][env_index])
 
 
 def test_a_motion_problem_leads_to_the_next_waypoint_in_time() -> None:

@@ -23,10 +23,10 @@ RESTING = np.zeros(3, dtype=np.float32)
 
 
 def waypoints(env: Any) -> tuple[Array, Array]:
-    """Angles and times of a lane's waypoints."""
-    lane = env.task.lanes[0]
-    count = int(lane["n_waypoints"])
-    return lane["waypoints"][:count].copy(), 0.02 * lane["due"][:count]
+    """Angles and times of an environment's waypoints."""
+    record = env.task.batch[0]
+    count = int(record["n_waypoints"])
+    return record["waypoints"][:count].copy(), 0.02 * record["due"][:count]
 
 
 def sampled(env: Any) -> tuple[Array, Array, Array]:
@@ -68,11 +68,11 @@ def test_ways_are_as_slow_as_documented() -> None:
 def test_drawing_ends_when_its_numbers_are_used_up() -> None:
     task = gym.make(ENV_ID).unwrapped.task  # type: ignore[attr-defined]
     task.model["heaviest"] *= 10.0  # more than can be held anywhere
-    draw_reference(task.lanes, task.model, 0, np.random.default_rng(0).random(numbers_needed(12.0)))
-    lane = task.lanes[0]
-    count = int(lane["n_waypoints"])
-    np.testing.assert_array_equal(np.ptp(lane["waypoints"][:count], axis=0), 0.0)
-    assert lane["due"][count - 1] >= 600
+    draw_reference(task.batch, task.model, 0, np.random.default_rng(0).random(numbers_needed(12.0)))
+    env = task.batch[0]
+    count = int(env["n_waypoints"])
+    np.testing.assert_array_equal(np.ptp(env["waypoints"][:count], axis=0), 0.0)
+    assert env["due"][count - 1] >= 600
 
 
 def test_an_observation_tells_the_reference() -> None:
@@ -149,4 +149,4 @@ def test_a_bad_option_is_refused_and_changes_nothing(options: dict[str, Any], co
     before, _ = ENV.reset(seed=0)
     with pytest.raises(ValueError, match=complaint):
         ENV.reset(options=options)
-    np.testing.assert_array_equal(ENV.task.lanes["observation"][0], before)
+    np.testing.assert_array_equal(ENV.task.batch["observation"][0], before)

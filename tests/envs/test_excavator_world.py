@@ -29,7 +29,7 @@ def make(payload: float, **config: Any) -> Any:
 
 
 def reference(env: Any) -> tuple[Array, Array, Array]:
-    seen = env.task.layout.parse(env.task.lanes["observation"])
+    seen = env.task.layout.parse(env.task.batch["observation"])
     return seen["joint_position"] + seen["reference_error"], seen["reference_velocity"], seen["reference_acceleration"]
 
 
@@ -75,7 +75,7 @@ def assert_same_errors(one: Array, other: Array, wanted: list[tuple[Array, Array
 @pytest.mark.parametrize("law", ["integral-computed-torque", "slotine-li"])
 def test_a_closed_loop_is_that_of_the_equations(payload: float, law: str) -> None:
     env = make(payload)
-    held = env.task.lanes["drive_torque"][0].copy()
+    held = env.task.batch["drive_torque"][0].copy()
     angles, wanted = simulated(env, law)
     assert_same_errors(angles, integrated(wanted, law, {0: payload}, 0.0, held), wanted)
 
@@ -83,8 +83,8 @@ def test_a_closed_loop_is_that_of_the_equations(payload: float, law: str) -> Non
 @pytest.mark.parametrize("payload", [150.0, 350.0])
 def test_a_load_changes_hands_as_in_the_equations(payload: float) -> None:
     env = make(payload, level=2)
-    held = env.task.lanes["drive_torque"][0].copy()
-    loads = {0: 0.0, int(env.task.lanes["pick_step"][0]): payload, int(env.task.lanes["drop_step"][0]): 0.0}
+    held = env.task.batch["drive_torque"][0].copy()
+    loads = {0: 0.0, int(env.task.batch["pick_step"][0]): payload, int(env.task.batch["drop_step"][0]): 0.0}
     assert len(loads) == 3
     angles, wanted = simulated(env, "slotine-li")
     assert_same_errors(angles, integrated(wanted, "slotine-li", loads, LAG, held), wanted)
@@ -94,7 +94,7 @@ def test_physics_converges_to_the_equations() -> None:
     errors = []
     for step in (0.005, 0.0025, 0.00125):
         env = make(350.0, physics_step=step, horizon=1.2)
-        held = env.task.lanes["drive_torque"][0].copy()
+        held = env.task.batch["drive_torque"][0].copy()
         angles, wanted = simulated(env, "slotine-li")
         errors.append(np.abs(angles - integrated(wanted, "slotine-li", {0: 350.0}, 0.0, held)).max())
     assert errors[1] < 0.6 * errors[0]

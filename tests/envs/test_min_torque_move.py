@@ -64,8 +64,8 @@ class TestMove:
     def test_every_one_is_solved_by_the_quintic(self, gravity: float) -> None:
         vector = gym.make_vec(ENV_ID, num_envs=200, gravity=gravity)
         vector.reset(seed=7)
-        for lane in range(200):
-            plan = quintic.plan(vector.unwrapped.motion_problem(lane))  # type: ignore[attr-defined]
+        for env_index in range(200):
+            plan = quintic.plan(vector.unwrapped.motion_problem(env_index))  # type: ignore[attr-defined]
             assert plan.limit_ratio <= 1.0
 
     def test_values_set_by_hand_are_taken(self) -> None:
@@ -93,7 +93,7 @@ class TestMove:
         before, _ = env.reset(seed=0)
         with pytest.raises(ValueError, match=reason):
             env.reset(options={**PAPER, **options})
-        np.testing.assert_array_equal(env.unwrapped.task.lanes["observation"][0], before)
+        np.testing.assert_array_equal(env.unwrapped.task.batch["observation"][0], before)
 
     def test_a_horizon_too_short_for_any_move_is_refused(self) -> None:
         with pytest.raises(ValueError, match=r"move within 0\.05 s.*or the time"):
@@ -107,7 +107,7 @@ class TestMove:
 class TestMeasures:
     def test_info_against_the_raw_rollout(self) -> None:
         env = made()
-        lane = env.unwrapped.task.lanes[0]
+        record = env.unwrapped.task.batch[0]
         expert = envs.make_expert("follower", env)
         observation, info = env.reset(seed=5)
         state, over, taus, reward_sum = None, False, [], 0.0
@@ -120,8 +120,8 @@ class TestMeasures:
         assert info["torque_l1"] == pytest.approx(spent, rel=1e-9)
         assert info["torque_l2"] == pytest.approx(np.square(taus).sum() * 0.005, rel=1e-9)
         assert info["peak_torque"] == pytest.approx(np.abs(taus).max(), rel=1e-9)
-        assert info["angle_error"] == pytest.approx(np.abs(lane["q"] - lane["goal"]).max())
-        assert info["velocity_error"] == pytest.approx(np.abs(lane["qd"]).max())
+        assert info["angle_error"] == pytest.approx(np.abs(record["q"] - record["goal"]).max())
+        assert info["velocity_error"] == pytest.approx(np.abs(record["qd"]).max())
         assert info["is_success"]
         assert reward_sum == pytest.approx(-info["quintic_ratio"], rel=1e-9)
 
@@ -138,7 +138,7 @@ class TestMeasures:
         env = made()
         env.reset(seed=3)
         plan = quintic.plan(env.unwrapped.motion_problem())
-        assert env.unwrapped.task.lanes["quintic_l1"][0] == pytest.approx(plan.cost, rel=1e-5)
+        assert env.unwrapped.task.batch["quintic_l1"][0] == pytest.approx(plan.cost, rel=1e-5)
 
     def test_gravity_acts(self) -> None:
         env = made(gravity=9.81)
@@ -159,19 +159,19 @@ class TestExperts:
         expert = envs.make_expert(name, vector)
         plans = {"lagrange": lagrange.plan, "dpct": partial(dpct.plan, variant="torque"), "follower": quintic.plan}
         observations, _ = vector.reset(seed=900)
-        problems = [vector.unwrapped.motion_problem(lane) for lane in range(n)]  # type: ignore[attr-defined]
+        problems = [vector.unwrapped.motion_problem(env_index) for env_index in range(n)]  # type: ignore[attr-defined]
         state, over, spent = None, np.zeros(n, dtype=bool), np.full(n, np.nan)
         while not over.all():
             actions, state = expert.predict(observations, state)
             observations, _, terminated, _, infos = vector.step(actions)
-            for lane in np.flatnonzero(terminated & ~over):
+            for env_index in np.flatnonzero(terminated & ~over):
                 final = infos["final_info"]
-                assert final["is_success"][lane]
-                assert final["limit_ratio"][lane] <= 1.005
-                spent[lane] = final["torque_l1"][lane]
+                assert final["is_success"][env_index]
+                assert final["limit_ratio"][env_index] <= 1.005
+                spent[env_index] = final["torque_l1"][env_index]
             over |= terminated
-        for lane in range(0, n, 6):
-            assert spent[lane] == pytest.approx(plans[name](problems[lane]).cost, rel=0.03)
+        for env_index in range(0, n, 6):
+            assert spent[env_index] == pytest.approx(plans[name](problems[env_index]).cost, rel=0.03)
 
 
 class TestReward:

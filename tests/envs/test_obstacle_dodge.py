@@ -29,8 +29,8 @@ def run(env: gym.Env[Any, Any], action: Any = (0.0, 0.0)) -> tuple[float, int, b
             return total, steps, terminated, truncated, info
 
 
-def lane_of(env: gym.Env[Any, Any]) -> Any:
-    return env.unwrapped.task.lanes[0]  # type: ignore[attr-defined]
+def env_of(env: gym.Env[Any, Any]) -> Any:
+    return env.unwrapped.task.batch[0]  # type: ignore[attr-defined]
 
 
 def test_a_disc_that_runs_into_an_arm_at_rest_ends_the_episode() -> None:
@@ -53,7 +53,7 @@ def test_no_disc_slips_between_two_control_instants() -> None:
     clear = []
     while True:
         _, _, terminated, _, info = env.step(np.zeros(2, dtype=np.float32))
-        clear.append(float(lane_of(env)["clearance"]))
+        clear.append(float(env_of(env)["clearance"]))
         if terminated:
             break
     assert info["collision"]
@@ -89,7 +89,7 @@ def test_the_path_of_the_disc_is_fixed_at_reset() -> None:
         seen = {}
         for step in range(1, 21):
             env.step(np.asarray(action, dtype=np.float32))
-            seen[round(step * period / PATH_STEP)] = lane_of(env)["discs"][0].copy()
+            seen[round(step * period / PATH_STEP)] = env_of(env)["discs"][0].copy()
         for sample, disc in seen.items():
             np.testing.assert_allclose(disc, path[sample, 0], atol=1e-12)
         shown.append(path)
@@ -151,16 +151,16 @@ def test_the_least_clearance_is_that_of_the_whole_arm() -> None:
 def test_what_starts_an_episode_obeys_the_rules() -> None:
     batch: Any = gym.make_vec(ENV, num_envs=300)
     batch.reset(seed=1000)
-    lanes, ranges = batch.unwrapped.task.lanes, np.array(SCARA_50CM.limits.angle)
-    q, hands = lanes["q"], SCARA_50CM.forward_kinematics(lanes["q"])
+    records, ranges = batch.unwrapped.task.batch, np.array(SCARA_50CM.limits.angle)
+    q, hands = records["q"], SCARA_50CM.forward_kinematics(records["q"])
     assert (np.abs(q) <= ranges).all()
     assert (np.abs(q[:, 1]) >= 0.3).all()
-    assert np.hypot(*(hands - lanes["goal"]).T).min() >= 0.4
-    assert lanes["clearance"].min() >= 0.3
-    branches = SCARA_50CM.inverse_kinematics(lanes["goal"])
+    assert np.hypot(*(hands - records["goal"]).T).min() >= 0.4
+    assert records["clearance"].min() >= 0.3
+    branches = SCARA_50CM.inverse_kinematics(records["goal"])
     same_side = np.where(q[:, 1] > 0.0, 0, 1)
     assert (np.abs(branches[np.arange(300), same_side]) <= ranges + 1e-9).all()
-    assert np.ptp(lanes["radii"]) == 0.0
+    assert np.ptp(records["radii"]) == 0.0
 
 
 @pytest.mark.parametrize("discs", [2, 4])
@@ -171,7 +171,7 @@ def test_several_discs(discs: int) -> None:
     problem = env.unwrapped.motion_problem()  # type: ignore[attr-defined]
     assert len(problem.obstacles) == discs
     gaps = [SCARA_50CM.clearance(problem.q, one.position, one.radius) for one in problem.obstacles]
-    assert lane_of(env)["clearance"] == pytest.approx(min(gaps), abs=1e-6)
+    assert env_of(env)["clearance"] == pytest.approx(min(gaps), abs=1e-6)
     assert len({tuple(one.position) for one in problem.obstacles}) == discs
 
 
@@ -179,7 +179,7 @@ def test_the_problem_states_what_is_observed() -> None:
     env = gym.make(ENV)
     env.reset(seed=4)
     problem = env.unwrapped.motion_problem()  # type: ignore[attr-defined]
-    record = lane_of(env)
+    record = env_of(env)
     assert isinstance(problem.target, FixedHand)
     np.testing.assert_allclose(problem.target.position, record["goal"], atol=1e-6)
     np.testing.assert_allclose(problem.obstacles[0].velocity, record["disc_velocities"][0], atol=1e-6)
@@ -217,10 +217,10 @@ def test_of_two_episodes_without_collision_the_one_that_arrives_has_the_higher_r
 def test_an_episode_that_cannot_be_is_refused_and_changes_nothing(options: dict[str, Any], complaint: str) -> None:
     env = gym.make(ENV)
     env.reset(seed=0)
-    before = lane_of(env)["observation"].copy()
+    before = env_of(env)["observation"].copy()
     with pytest.raises(ValueError, match=complaint):
         env.reset(options=options)
-    np.testing.assert_array_equal(lane_of(env)["observation"], before)
+    np.testing.assert_array_equal(env_of(env)["observation"], before)
 
 
 def test_an_episode_too_short_to_hold_the_goal_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The vector environment: lane i is the single environment with seed + i, whatever the number of lanes and threads."""
+"""The vector environment: environment i is the single one with seed + i, for any batch size and threads."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import envs  # noqa: F401  (registers the ids)
 ENV_ID = "ConveyorTrack-v0"
 
 
-def actions_of(lane: int, steps: int, n_joints: int) -> np.ndarray[Any, Any]:
-    return np.random.default_rng(lane).uniform(-1.2, 1.2, (steps, n_joints)).astype(np.float32)
+def actions_of(env_index: int, steps: int, n_joints: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(env_index).uniform(-1.2, 1.2, (steps, n_joints)).astype(np.float32)
 
 
-def single(env_id: str, seed: int, lane: int, steps: int, **config: Any) -> list[Any]:
+def single(env_id: str, seed: int, env_index: int, steps: int, **config: Any) -> list[Any]:
     env = gym.make(env_id, **config)
     observation, _ = env.reset(seed=seed)
     shown = [observation]
-    for action in actions_of(lane, steps, env.action_space.shape[0]):  # type: ignore[index]
+    for action in actions_of(env_index, steps, env.action_space.shape[0]):  # type: ignore[index]
         observation, reward, terminated, truncated, info = env.step(action)
         final = observation
         if terminated or truncated:
@@ -30,26 +30,32 @@ def single(env_id: str, seed: int, lane: int, steps: int, **config: Any) -> list
     return shown
 
 
-@pytest.mark.parametrize("num_envs", [1, 3, 70])  # 70 lanes run on two threads
+@pytest.mark.parametrize("num_envs", [1, 3, 70])  # 70 environments run on two threads
 @pytest.mark.parametrize(
     ("env_id", "control_mode"), [(ENV_ID, "torque"), (ENV_ID, "jerk"), ("MinTorqueMove-v0", "torque")]
 )
-def test_lanes_equal_single_environments_bit_for_bit(num_envs: int, env_id: str, control_mode: str) -> None:
+def test_environments_equal_single_environments_bit_for_bit(num_envs: int, env_id: str, control_mode: str) -> None:
     steps, checked = 170, sorted({0, num_envs // 2, num_envs - 1})
     vector = gym.make_vec(env_id, num_envs=num_envs, control_mode=control_mode)
     observations, _ = vector.reset(seed=20)
-    shown = {lane: [observations[lane]] for lane in checked}
+    shown = {env_index: [observations[env_index]] for env_index in checked}
     n_joints = vector.single_action_space.shape[0]  # type: ignore[index]
-    all_actions = np.stack([actions_of(lane, steps, n_joints) for lane in range(num_envs)], axis=1)
+    all_actions = np.stack([actions_of(env_index, steps, n_joints) for env_index in range(num_envs)], axis=1)
     for actions in all_actions:
         observations, rewards, terminated, truncated, infos = vector.step(actions)
-        for lane in checked:
-            final = infos["final_obs"][lane] if terminated[lane] or truncated[lane] else observations[lane]
-            shown[lane].append((observations[lane], rewards[lane], terminated[lane], truncated[lane], final, infos))
-    for lane in checked:
-        alone = single(env_id, 20 + lane, lane, steps, control_mode=control_mode)
-        np.testing.assert_array_equal(shown[lane][0], alone[0])
-        for ours, theirs in zip(shown[lane][1:], alone[1:], strict=True):
+        for env_index in checked:
+            final = (
+                infos["final_obs"][env_index]
+                if terminated[env_index] or truncated[env_index]
+                else observations[env_index]
+            )
+            shown[env_index].append(
+                (observations[env_index], rewards[env_index], terminated[env_index], truncated[env_index], final, infos)
+            )
+    for env_index in checked:
+        alone = single(env_id, 20 + env_index, env_index, steps, control_mode=control_mode)
+        np.testing.assert_array_equal(shown[env_index][0], alone[0])
+        for ours, theirs in zip(shown[env_index][1:], alone[1:], strict=True):
             np.testing.assert_array_equal(ours[0], theirs[0])
             assert ours[1:4] == theirs[1:4]
             np.testing.assert_array_equal(ours[4], theirs[4])
@@ -57,16 +63,16 @@ def test_lanes_equal_single_environments_bit_for_bit(num_envs: int, env_id: str,
                 final_info = ours[5]["final_info"]
                 for key, value in theirs[5].items():
                     if not isinstance(value, dict):
-                        assert final_info[key][lane] == value
-                assert final_info["limit_ratios"]["torque"][lane] == theirs[5]["limit_ratios"]["torque"]
+                        assert final_info[key][env_index] == value
+                assert final_info["limit_ratios"]["torque"][env_index] == theirs[5]["limit_ratios"]["torque"]
 
 
-def test_seeds_one_a_lane() -> None:
+def test_seeds_one_a_environment() -> None:
     vector = gym.make_vec(ENV_ID, num_envs=3)
     observations, _ = vector.reset(seed=[7, 7, 9])
     np.testing.assert_array_equal(observations[0], observations[1])
     assert (observations[0] != observations[2]).any()
-    with pytest.raises(ValueError, match="2 seeds for 3 lanes"):
+    with pytest.raises(ValueError, match="2 seeds for 3 environments"):
         vector.reset(seed=[1, 2])
 
 
@@ -80,7 +86,7 @@ def test_reset_mask_resets_only_those() -> None:
         vector.reset(options={"reset_mask": [1, 0]})
 
 
-def test_options_apply_to_every_lane() -> None:
+def test_options_apply_to_every_environment() -> None:
     vector = gym.make_vec(ENV_ID, num_envs=2)
     observations, _ = vector.reset(seed=0, options={"scenario": "paper"})
     np.testing.assert_array_equal(observations[0], observations[1])
@@ -99,18 +105,18 @@ def test_nothing_returned_shares_memory() -> None:
     vector = gym.make_vec(ENV_ID, num_envs=1)
     first, infos = vector.reset(seed=0)
     second, rewards, *_ = vector.step(np.ones((1, 2), dtype=np.float32))
-    lanes = vector.unwrapped.task.lanes  # type: ignore[attr-defined]
+    batch = vector.unwrapped.task.batch  # type: ignore[attr-defined]
     for array in (first, second, rewards, infos["is_success"]):
-        assert not np.shares_memory(array, lanes)
+        assert not np.shares_memory(array, batch)
 
 
-def test_a_lane_with_a_bad_action_is_named() -> None:
+def test_a_environment_with_a_bad_action_is_named() -> None:
     vector = gym.make_vec(ENV_ID, num_envs=4)
     vector.reset(seed=0)
     actions = np.zeros((4, 2), dtype=np.float32)
     actions[2, 0] = np.nan
     q = vector.unwrapped.joint_state()[0]  # type: ignore[attr-defined]
-    with pytest.raises(ValueError, match=r"lane 2.*not finite"):
+    with pytest.raises(ValueError, match=r"environment 2.*not finite"):
         vector.step(actions)
     np.testing.assert_array_equal(vector.unwrapped.joint_state()[0], q)  # type: ignore[attr-defined]
 
@@ -120,7 +126,7 @@ def test_step_before_reset() -> None:
         gym.make_vec(ENV_ID, num_envs=2).step(np.zeros((2, 2), dtype=np.float32))
 
 
-def test_rendering_gives_a_frame_a_lane() -> None:
+def test_rendering_gives_a_frame_a_environment() -> None:
     vector = gym.make_vec(ENV_ID, num_envs=2, render_mode="rgb_array")
     vector.reset(seed=0)
     frames = vector.render()

@@ -79,14 +79,14 @@ def test_the_torque_is_that_of_inverse_dynamics() -> None:
     assert measured == pytest.approx(np.trapezoid(np.abs(tau).sum(axis=1), s), rel=5e-3)
 
 
-def test_a_lane_equals_the_single_environment() -> None:
+def test_a_environment_equals_the_single_environment() -> None:
     actions = np.random.default_rng(0).uniform(-0.05, 0.05, (4, SIZE)).astype(np.float32)
-    lanes = gym.make_vec(ENV, num_envs=4, **MOTION)
-    lanes.reset(seed=3)
+    batch = gym.make_vec(ENV, num_envs=4, **MOTION)
+    batch.reset(seed=3)
     single = gym.make(ENV, **MOTION)
     single.reset(seed=5)
     for _ in range(40):
-        together, *_ = lanes.step(actions)
+        together, *_ = batch.step(actions)
         alone, *_ = single.step(actions[2])
         np.testing.assert_array_equal(together[2], alone)
 

@@ -41,12 +41,12 @@ def loads(masses: Sequence[float], offset: tuple[float, float, float] = (0.0, 0.
 
 
 def follow(name: str, plant: Plant, cycles: int = 1, period: float = 0.005, moments: bool = True) -> Run:
-    controller = make_controller(name, moments=moments, lanes=plant.lanes, period=period)
+    controller = make_controller(name, moments=moments, rows=plant.rows, period=period)
     return simulate(controller, plant, WORK_CYCLE, cycles)
 
 
 def rms(run: Run, cycles: int = 1) -> Array:
-    """Of all joints in the last cycle, for each lane, deg."""
+    """Of all joints in the last cycle, for each row, deg."""
     errors = np.degrees(run.q - run.q_d[:, None])[-(len(run.t) // cycles) :]
     return np.sqrt(np.square(errors).mean(axis=(0, 2)))
 
@@ -192,18 +192,18 @@ def test_adapting_beats_an_integral_with_everything_wrong() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_lanes_know_nothing_of_each_other(name: str) -> None:
+def test_environments_know_nothing_of_each_other(name: str) -> None:
     masses = (0.0, 140.0, 350.0)
     together = follow(name, Plant.loaded(DYNAMICS, loads(masses)), period=0.05)
-    for lane, mass in enumerate(masses):
+    for row, mass in enumerate(masses):
         alone = follow(name, Plant.loaded(DYNAMICS, loads([mass])), period=0.05)
-        np.testing.assert_allclose(together.q[:, lane], alone.q[:, 0], rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(together.mass[:, lane], alone.mass[:, 0], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(together.q[:, row], alone.q[:, 0], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(together.mass[:, row], alone.mass[:, 0], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_reset_forgets_the_chosen_lanes_only(name: str) -> None:
-    controller, fresh = make_controller(name, lanes=2), make_controller(name, lanes=2)
+def test_reset_forgets_the_chosen_environments_only(name: str) -> None:
+    controller, fresh = make_controller(name, rows=2), make_controller(name, rows=2)
     rng = np.random.default_rng(0)
     samples = rng.normal(0.0, 0.01, (30, 5, 2, N)) + POSTURE
     for sample in samples:
@@ -222,7 +222,7 @@ def test_reset_forgets_the_chosen_lanes_only(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_memory_is_all_that_a_controller_carries(name: str) -> None:
-    used, fresh = make_controller(name, lanes=2), make_controller(name, lanes=2)
+    used, fresh = make_controller(name, rows=2), make_controller(name, rows=2)
     samples = np.random.default_rng(0).normal(0.0, 0.01, (40, 5, 2, N)) + POSTURE
     for sample in samples[:20]:
         used.torque(*sample)
@@ -295,7 +295,7 @@ def test_a_planar_arm_learns_what_its_hand_holds() -> None:
     settings = ControlSettings(0.005, np.full(3, 8.0), np.array([0.8, 0.3, 0.05]), np.full(3, np.inf))
     prior = PayloadPrior(np.zeros(1), np.zeros(1), np.full(1, 5.0))
     plant = Plant.loaded(dynamics, np.outer([0.5, 1.5], point[0]))
-    controller = IntegralSlotineLi(PayloadModel(dynamics, point), settings, prior, np.array([20.0]), lanes=2)
+    controller = IntegralSlotineLi(PayloadModel(dynamics, point), settings, prior, np.array([20.0]), rows=2)
     run = simulate(controller, plant, cycle, 3)
     np.testing.assert_allclose(controller.mass_estimate, [0.5, 1.5], rtol=0.02)
     assert rms(run, 3).max() < 0.1
@@ -306,7 +306,7 @@ def test_boom_arm_and_bucket_alone_weigh_their_load() -> None:
     plant = Plant.loaded(planar_dynamics(), np.array([planar_payload(mass) for mass in masses]))
     cycle = replace(WORK_CYCLE, postures=WORK_CYCLE.postures[:, JOINTS])
     runs = {
-        name: simulate(make_planar_controller(name, lanes=3), plant, cycle, 2)
+        name: simulate(make_planar_controller(name, rows=3), plant, cycle, 2)
         for name in ("computed-torque", "integral-computed-torque", "integral-slotine-li")
     }
     np.testing.assert_allclose(runs["integral-slotine-li"].mass[-1], masses, rtol=0.01, atol=1.0)
@@ -382,8 +382,8 @@ def test_what_cannot_be_is_refused() -> None:
     refused("'pid' must be", lambda: make_planar_controller("pid"))
     refused("gain", lambda: SlotineLi(model, settings, prior, np.ones(1)))
     refused(
-        "2 lanes, the plant 1",
-        lambda: simulate(make_controller(lanes=2), Plant.loaded(DYNAMICS, loads([0.0])), WORK_CYCLE, 1),
+        "2 rows, the plant 1",
+        lambda: simulate(make_controller(rows=2), Plant.loaded(DYNAMICS, loads([0.0])), WORK_CYCLE, 1),
     )
     refused("does not divide", lambda: follow("pd-gravity", Plant.loaded(DYNAMICS, loads([0.0])), period=0.03))
     refused("as many durations as postures", lambda: Cycle(np.zeros((2, 5)), np.ones(3)))

@@ -188,39 +188,39 @@ def test_a_goal_out_of_reach_brings_the_arm_to_rest() -> None:
     np.testing.assert_allclose(run.qd[-1], 0.0, atol=1e-6)
 
 
-def random_lanes(lanes: int, discs: int) -> tuple[Array, ...]:
+def random_batch(rows: int, discs: int) -> tuple[Array, ...]:
     generator = np.random.default_rng(4)
     return (
-        generator.uniform(-2.2, 2.2, (lanes, 2)),
-        generator.uniform(-2.0, 2.0, (lanes, 2)),
-        ARM.forward_kinematics(generator.uniform(-2.2, 2.2, (lanes, 2))),
-        generator.uniform(-1.0, 1.0, (lanes, discs, 2)),
-        generator.uniform(-1.0, 1.0, (lanes, discs, 2)),
-        np.full((lanes, discs), RADIUS),
+        generator.uniform(-2.2, 2.2, (rows, 2)),
+        generator.uniform(-2.0, 2.0, (rows, 2)),
+        ARM.forward_kinematics(generator.uniform(-2.2, 2.2, (rows, 2))),
+        generator.uniform(-1.0, 1.0, (rows, discs, 2)),
+        generator.uniform(-1.0, 1.0, (rows, discs, 2)),
+        np.full((rows, discs), RADIUS),
     )
 
 
 @pytest.mark.parametrize("discs", [0, 1, 3])
-def test_a_lane_of_a_batch_is_bit_for_bit_that_lane_alone(discs: int) -> None:
-    lanes = random_lanes(16, discs)
+def test_a_environment_of_a_batch_is_bit_for_bit_that_environment_alone(discs: int) -> None:
+    rows = random_batch(16, discs)
     memory, alone = new_memory(16, discs), [new_memory(1, discs) for _ in range(16)]
     for _ in range(3):
-        batch = dodge_accelerations(ARM, tuned_gains(), *lanes, memory, PERIOD)
-        for lane in range(16):
-            single = [array[lane : lane + 1] for array in lanes]
+        batch = dodge_accelerations(ARM, tuned_gains(), *rows, memory, PERIOD)
+        for row in range(16):
+            single = [array[row : row + 1] for array in rows]
             np.testing.assert_array_equal(
-                dodge_accelerations(ARM, tuned_gains(), *single, alone[lane], PERIOD)[0], batch[lane]
+                dodge_accelerations(ARM, tuned_gains(), *single, alone[row], PERIOD)[0], batch[row]
             )
-            assert alone[lane][0] == memory[lane]
+            assert alone[row][0] == memory[row]
 
 
-def test_a_lane_that_is_forgotten_begins_anew() -> None:
-    lanes = random_lanes(8, 1)
+def test_a_environment_that_is_forgotten_begins_anew() -> None:
+    rows = random_batch(8, 1)
     memory = new_memory(8, 1)
-    first = dodge_accelerations(ARM, tuned_gains(), *lanes, memory, PERIOD)
-    dodge_accelerations(ARM, tuned_gains(), *random_lanes(8, 1)[:4], -lanes[4], lanes[5], memory, PERIOD)
+    first = dodge_accelerations(ARM, tuned_gains(), *rows, memory, PERIOD)
+    dodge_accelerations(ARM, tuned_gains(), *random_batch(8, 1)[:4], -rows[4], rows[5], memory, PERIOD)
     memory[3] = np.zeros((), memory.dtype)
-    again = dodge_accelerations(ARM, tuned_gains(), *lanes, memory, PERIOD)
+    again = dodge_accelerations(ARM, tuned_gains(), *rows, memory, PERIOD)
     np.testing.assert_array_equal(again[3], first[3])
 
 
@@ -304,8 +304,8 @@ def test_gains_without_sense_are_refused(wrong: dict[str, float]) -> None:
 
 
 def test_shapes_and_arms_that_do_not_fit_are_refused() -> None:
-    lanes = random_lanes(4, 1)
+    rows = random_batch(4, 1)
     with pytest.raises(ValueError, match="shape"):
-        dodge_accelerations(ARM, tuned_gains(), *lanes, new_memory(5, 1), PERIOD)
+        dodge_accelerations(ARM, tuned_gains(), *rows, new_memory(5, 1), PERIOD)
     with pytest.raises(ValueError, match="two links"):
-        dodge_accelerations(PLANAR_3R, tuned_gains(), *lanes, new_memory(4, 1), PERIOD)
+        dodge_accelerations(PLANAR_3R, tuned_gains(), *rows, new_memory(4, 1), PERIOD)

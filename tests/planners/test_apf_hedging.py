@@ -38,18 +38,18 @@ def parked(place: Array) -> Motion:
 
 
 def seen(disc: Motion, t: float) -> tuple[Array, Array, Array]:
-    """Place, velocity and radius of a disc, of one lane."""
+    """Place, velocity and radius of a disc, of one row."""
     return disc(t)[None, None], (disc(t + 1e-4) - disc(t))[None, None] / 1e-4, np.full((1, 1), RADIUS)
 
 
 def hedged(disc: Motion, told: list[Motion], weights: list[float], hedge: HedgeGains = HEDGE) -> Act:
-    """What a lane does that sees a disc and is told where it may go."""
+    """What a row does that sees a disc and is told where it may go."""
 
     def act(q: Array, qd: Array, t: float, memory: NDArray[Any]) -> Array:
         futures = np.array([[one(t + ahead) for ahead in AHEAD] for one in told])[None, :, :, None]
-        lane = q[None], qd[None], GOAL[None], *seen(disc, t)
+        row = q[None], qd[None], GOAL[None], *seen(disc, t)
         told_all = Futures(futures, np.array([weights]), hedge)
-        return np.ravel(dodge_accelerations(ARM, GAINS, *lane, memory, PERIOD, futures=told_all))
+        return np.ravel(dodge_accelerations(ARM, GAINS, *row, memory, PERIOD, futures=told_all))
 
     return act
 
@@ -58,8 +58,8 @@ def plain(disc: Motion) -> Act:
     """What it does if it forecasts the disc by itself."""
 
     def act(q: Array, qd: Array, t: float, memory: NDArray[Any]) -> Array:
-        lane = q[None], qd[None], GOAL[None], *seen(disc, t)
-        return np.ravel(dodge_accelerations(ARM, GAINS, *lane, memory, PERIOD))
+        row = q[None], qd[None], GOAL[None], *seen(disc, t)
+        return np.ravel(dodge_accelerations(ARM, GAINS, *row, memory, PERIOD))
 
     return act
 
@@ -229,49 +229,49 @@ def test_accelerations_velocities_and_torques_keep_the_limits(
     assert (np.abs(tau) <= 1.002 * np.array(LIMITS.torque)).all()
 
 
-def random_lanes(lanes: int, discs: int, futures: int = 3) -> dict[str, Array]:
+def random_batch(rows: int, discs: int, futures: int = 3) -> dict[str, Array]:
     generator = np.random.default_rng(4)
     return {
-        "q": generator.uniform(-2.2, 2.2, (lanes, 2)),
-        "qd": generator.uniform(-2.0, 2.0, (lanes, 2)),
-        "goal": ARM.forward_kinematics(generator.uniform(-2.2, 2.2, (lanes, 2))),
-        "positions": generator.uniform(-1.0, 1.0, (lanes, discs, 2)),
-        "velocities": generator.uniform(-1.0, 1.0, (lanes, discs, 2)),
-        "radii": np.full((lanes, discs), RADIUS),
-        "futures": generator.uniform(-1.0, 1.0, (lanes, futures, len(AHEAD), discs, 2)),
-        "weights": generator.dirichlet(np.ones(futures), lanes),
+        "q": generator.uniform(-2.2, 2.2, (rows, 2)),
+        "qd": generator.uniform(-2.0, 2.0, (rows, 2)),
+        "goal": ARM.forward_kinematics(generator.uniform(-2.2, 2.2, (rows, 2))),
+        "positions": generator.uniform(-1.0, 1.0, (rows, discs, 2)),
+        "velocities": generator.uniform(-1.0, 1.0, (rows, discs, 2)),
+        "radii": np.full((rows, discs), RADIUS),
+        "futures": generator.uniform(-1.0, 1.0, (rows, futures, len(AHEAD), discs, 2)),
+        "weights": generator.dirichlet(np.ones(futures), rows),
     }
 
 
-def hedged_lanes(lanes: dict[str, Array], memory: NDArray[Any], arm: Arm = ARM) -> Array:
-    seen_lanes: dict[str, Any] = {name: array for name, array in lanes.items() if name not in ("futures", "weights")}
-    futures = Futures(lanes["futures"], lanes["weights"], HEDGE)
-    return dodge_accelerations(arm, GAINS, **seen_lanes, memory=memory, period=PERIOD, futures=futures)
+def hedged_batch(rows: dict[str, Array], memory: NDArray[Any], arm: Arm = ARM) -> Array:
+    seen_envs: dict[str, Any] = {name: array for name, array in rows.items() if name not in ("futures", "weights")}
+    futures = Futures(rows["futures"], rows["weights"], HEDGE)
+    return dodge_accelerations(arm, GAINS, **seen_envs, memory=memory, period=PERIOD, futures=futures)
 
 
 @pytest.mark.parametrize("discs", [1, 2])
-def test_a_lane_of_a_batch_is_bit_for_bit_that_lane_alone(discs: int) -> None:
-    lanes = random_lanes(12, discs)
-    before = {name: array.copy() for name, array in lanes.items()}
+def test_a_environment_of_a_batch_is_bit_for_bit_that_environment_alone(discs: int) -> None:
+    rows = random_batch(12, discs)
+    before = {name: array.copy() for name, array in rows.items()}
     memory, alone = new_memory(12, discs), [new_memory(1, discs) for _ in range(12)]
     for _ in range(3):
-        batch = hedged_lanes(lanes, memory)
-        for lane in range(12):
-            single = {name: array[lane : lane + 1] for name, array in lanes.items()}
-            np.testing.assert_array_equal(hedged_lanes(single, alone[lane])[0], batch[lane])
-            assert alone[lane][0] == memory[lane]
-    for name, array in lanes.items():
+        batch = hedged_batch(rows, memory)
+        for row in range(12):
+            single = {name: array[row : row + 1] for name, array in rows.items()}
+            np.testing.assert_array_equal(hedged_batch(single, alone[row])[0], batch[row])
+            assert alone[row][0] == memory[row]
+    for name, array in rows.items():
         np.testing.assert_array_equal(array, before[name])
 
 
 def test_the_base_may_stand_anywhere() -> None:
-    lanes, shift = random_lanes(8, 1), np.array([0.25, -0.5])
+    rows, shift = random_batch(8, 1), np.array([0.25, -0.5])
     moved = replace(ARM, base=(0.25, -0.5))
     np.testing.assert_array_equal(ARM.base_array, 0.0)
     elsewhere = {
-        name: array + shift if name in ("goal", "positions", "futures") else array for name, array in lanes.items()
+        name: array + shift if name in ("goal", "positions", "futures") else array for name, array in rows.items()
     }
-    here, there = hedged_lanes(lanes, new_memory(8, 1)), hedged_lanes(elsewhere, new_memory(8, 1), moved)
+    here, there = hedged_batch(rows, new_memory(8, 1)), hedged_batch(elsewhere, new_memory(8, 1), moved)
     np.testing.assert_allclose(there, here, atol=1e-6)
 
 
@@ -297,17 +297,17 @@ def test_gains_without_sense_are_refused(wrong: dict[str, float]) -> None:
     ],
 )
 def test_shapes_that_do_not_fit_are_refused(name: str, cut: Any) -> None:
-    lanes = random_lanes(4, 1)
+    rows = random_batch(4, 1)
     with pytest.raises(ValueError, match="shape"):
-        hedged_lanes({**lanes, name: lanes[name][cut]}, new_memory(4, 1))
+        hedged_batch({**rows, name: rows[name][cut]}, new_memory(4, 1))
 
 
 @pytest.mark.parametrize("wrong", [-0.1, math.nan])
 def test_probabilities_without_sense_are_refused(wrong: float) -> None:
-    lanes = random_lanes(4, 1)
-    lanes["weights"][2, 1] = wrong
+    rows = random_batch(4, 1)
+    rows["weights"][2, 1] = wrong
     with pytest.raises(ValueError, match="not negative"):
-        hedged_lanes(lanes, new_memory(4, 1))
+        hedged_batch(rows, new_memory(4, 1))
 
 
 def test_the_likeliest_future_counts_however_unlikely_it_is() -> None:
@@ -319,9 +319,9 @@ def test_the_likeliest_future_counts_however_unlikely_it_is() -> None:
 
 
 def test_memory_and_arms_that_do_not_fit_are_refused() -> None:
-    lanes = random_lanes(4, 1)
+    rows = random_batch(4, 1)
     for memory in (new_memory(5, 1), new_memory(4, 2)):
         with pytest.raises(ValueError, match="shape"):
-            hedged_lanes(lanes, memory)
+            hedged_batch(rows, memory)
     with pytest.raises(ValueError, match="two links"):
-        hedged_lanes(lanes, new_memory(4, 1), PLANAR_3R)
+        hedged_batch(rows, new_memory(4, 1), PLANAR_3R)

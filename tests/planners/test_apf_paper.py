@@ -12,8 +12,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM, FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
-from planners.apf.hand_field import hand_rates, hand_velocity_lane, joint_rates_lane, make_field
-from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_lane, make_gains, potential, wall, wall_slope
+from planners.apf.hand_field import hand_rates, hand_velocity_single, joint_rates_single, make_field
+from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_single, make_gains, potential, wall, wall_slope
 from planners.apf.paper import follow_field, plan_paper, posture
 from planners.robot.kinematics import wrap
 from planners.typing import Array
@@ -60,7 +60,7 @@ def test_gradient_is_the_slope_of_the_potential(square: bool, hand: Array, discs
     kinks = np.array([gains.influence, NEAREST_SHARE * gains.influence, -radius])  # no slope there, or none continuous
     assume(np.abs(distances[:, None] - kinks).min(initial=np.inf) > 1e-3)
     gradient = np.empty(2)
-    gradient_lane(gains, hand, GOAL, centers, radii, np.zeros(len(radii)), gradient)
+    gradient_single(gains, hand, GOAL, centers, radii, np.zeros(len(radii)), gradient)
     for axis, shift in enumerate(step * np.eye(2)):
         ahead, behind = (total_potential(gains, hand + sign * shift, centers, radii) for sign in (1.0, -1.0))
         assert gradient[axis] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-5)
@@ -77,7 +77,7 @@ def test_the_printed_wall_pushes_at_once_and_khatibs_does_not() -> None:
 def test_a_shift_counts_as_distance(square: bool) -> None:
     gains, gradient = make_gains(1.0, 0.004, 0.3, square), np.empty(2)
     center, radii = np.array([[0.0, 0.0]]), np.array([0.1])
-    gradient_lane(gains, np.array([0.4, 0.0]), np.array([0.4, 0.0]), center, radii, np.array([-0.15]), gradient)
+    gradient_single(gains, np.array([0.4, 0.0]), np.array([0.4, 0.0]), center, radii, np.array([-0.15]), gradient)
     np.testing.assert_allclose(gradient, [wall_slope(gains, 0.15), 0.0], atol=1e-15)
 
 
@@ -95,7 +95,7 @@ def test_bad_gains_are_refused(name: str, value: float) -> None:
 @given(q1=st.floats(-3.0, 3.0), q2=st.floats(0.11, 3.0), sign=st.sampled_from([-1.0, 1.0]), velocity=positions)
 def test_joint_rates_move_the_hand_as_asked(q1: float, q2: float, sign: float, velocity: Array) -> None:
     q, rates = np.array([q1, sign * q2]), np.empty(2)
-    joint_rates_lane(LENGTHS, q, velocity, rates)
+    joint_rates_single(LENGTHS, q, velocity, rates)
     np.testing.assert_allclose(ARM.jacobian(q) @ rates, velocity, atol=1e-9)
 
 
@@ -103,7 +103,7 @@ def test_joint_rates_move_the_hand_as_asked(q1: float, q2: float, sign: float, v
 @given(q1=st.floats(-3.0, 3.0), q2=st.floats(-0.1, 0.1), folded=st.booleans(), velocity=positions)
 def test_joint_rates_are_bounded_near_the_singularity(q1: float, q2: float, folded: bool, velocity: Array) -> None:
     q, rates = np.array([q1, q2 + folded * math.pi]), np.empty(2)
-    joint_rates_lane(LENGTHS, q, velocity, rates)
+    joint_rates_single(LENGTHS, q, velocity, rates)
     assert np.abs(rates).max() <= 60.0 * np.hypot(*velocity) + 1e-12
     assert velocity @ ARM.jacobian(q) @ rates >= -1e-12  # never against what is asked
 
@@ -111,38 +111,38 @@ def test_joint_rates_are_bounded_near_the_singularity(q1: float, q2: float, fold
 def test_damping_sets_in_smoothly() -> None:
     q, step = np.array([0.3, math.asin(0.1)]), np.array([0.0, 1e-9])
     rates, beyond = np.empty(2), np.empty(2)
-    joint_rates_lane(LENGTHS, q - step, np.array([0.3, -0.4]), rates)
-    joint_rates_lane(LENGTHS, q + step, np.array([0.3, -0.4]), beyond)
+    joint_rates_single(LENGTHS, q - step, np.array([0.3, -0.4]), rates)
+    joint_rates_single(LENGTHS, q + step, np.array([0.3, -0.4]), beyond)
     np.testing.assert_allclose(rates, beyond, rtol=1e-6)
 
 
-def lanes_of_rates(limits: Array, discs: int = 2, lanes: int = 40) -> tuple[Array, Array]:
+def rows_of_rates(limits: Array, discs: int = 2, rows: int = 40) -> tuple[Array, Array]:
     rng = np.random.default_rng(3)
-    q = np.stack([rng.uniform(-2.8, 2.8, lanes), rng.uniform(0.2, 2.6, lanes)], axis=-1)
-    qd = rng.normal(size=(lanes, 2))
-    goals = rng.uniform(-0.6, 0.6, (lanes, 2))
-    centers, velocities = rng.uniform(-1.0, 1.0, (2, lanes, discs, 2))
-    radii = np.full((lanes, discs), 0.145)
+    q = np.stack([rng.uniform(-2.8, 2.8, rows), rng.uniform(0.2, 2.6, rows)], axis=-1)
+    qd = rng.normal(size=(rows, 2))
+    goals = rng.uniform(-0.6, 0.6, (rows, 2))
+    centers, velocities = rng.uniform(-1.0, 1.0, (2, rows, discs, 2))
+    radii = np.full((rows, discs), 0.145)
     rates = hand_rates(LENGTHS, BASE, make_field(), limits, q, qd, goals, centers, velocities, radii)
     wanted = np.empty_like(q)
-    for lane in range(lanes):
-        hand, hand_velocity = ARM.forward_kinematics(q[lane]), ARM.jacobian(q[lane]) @ qd[lane]
-        hand_velocity_lane(
-            make_field(), hand, hand_velocity, goals[lane], centers[lane], velocities[lane], radii[lane], wanted[lane]
+    for row in range(rows):
+        hand, hand_velocity = ARM.forward_kinematics(q[row]), ARM.jacobian(q[row]) @ qd[row]
+        hand_velocity_single(
+            make_field(), hand, hand_velocity, goals[row], centers[row], velocities[row], radii[row], wanted[row]
         )
     exact = np.asarray(np.linalg.solve(ARM.jacobian(q), wanted[..., None])[..., 0], dtype=np.float64)
     return rates, exact
 
 
 @pytest.mark.parametrize("discs", [0, 1, 3])
-def test_every_lane_moves_its_hand_down_the_potential(discs: int) -> None:
-    rates, wanted = lanes_of_rates(FREE, discs)
+def test_every_environment_moves_its_hand_down_the_potential(discs: int) -> None:
+    rates, wanted = rows_of_rates(FREE, discs)
     np.testing.assert_allclose(rates, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_rate_limits_slow_the_hand_and_keep_its_direction() -> None:
     limits = np.array([1.0, 2.0])
-    rates, wanted = lanes_of_rates(limits)
+    rates, wanted = rows_of_rates(limits)
     assert (np.abs(rates) <= limits + 1e-12).all()
     fast = (np.abs(wanted) > limits).any(axis=1)
     assert fast.any()

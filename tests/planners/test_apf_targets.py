@@ -32,7 +32,7 @@ def damped(w: float, t: Array) -> Array:
 def follow(
     start: Array, target: tuple[Array, Array, Array], steps: int, limits: JointLimits | None = None, **options: float
 ) -> tuple[Array, Array, Array, Array]:
-    """q, qd, qdd at every sample from rest, ``(steps, lanes, 2)``, and hand errors, for joints that do as asked."""
+    """q, qd, qdd at every sample from rest, ``(steps, rows, 2)``, and hand errors, for joints that do as asked."""
     period = options.setdefault("period", PERIOD)
     position, velocity, acceleration = target
     q, qd, qdd = start.copy(), np.zeros_like(start), np.zeros_like(start)
@@ -194,11 +194,11 @@ def test_every_answer_is_within_the_smooth_bounds(seed: int) -> None:
     qd, qdd = generator.uniform(-0.25, 0.25, (64, 2)), generator.uniform(-0.3, 0.3, (64, 2))
     target = tuple(generator.uniform(-scale, scale, (64, 2)) for scale in (2.5, 0.4, 0.2))
     answer = approach(SCARA_1M, q, qd, qdd, target, PERIOD)
-    for lane, i in np.ndindex(64, 2):
+    for row, i in np.ndindex(64, 2):
         low, high = smooth_bounds(
-            qd[lane, i], qdd[lane, i], PERIOD, limits.velocity[i], limits.acceleration[i], limits.jerk[i]
+            qd[row, i], qdd[row, i], PERIOD, limits.velocity[i], limits.acceleration[i], limits.jerk[i]
         )
-        assert low <= answer[lane, i] <= high
+        assert low <= answer[row, i] <= high
 
 
 def test_smooth_bounds_stop_a_joint_at_its_velocity_limit() -> None:
@@ -212,15 +212,15 @@ def test_smooth_bounds_stop_a_joint_at_its_velocity_limit() -> None:
     assert smooth_bounds(0.1, 0.0, PERIOD, 0.2, math.inf, math.inf) == pytest.approx((-15.0, 5.0))
 
 
-def test_lanes_do_not_touch_each_other_and_the_base_is_respected() -> None:
+def test_environments_do_not_touch_each_other_and_the_base_is_respected() -> None:
     generator = np.random.default_rng(1)
     q, qd, qdd = (generator.uniform(-scale, scale, (16, 2)) for scale in (2.0, 0.1, 0.2))
     target = tuple(generator.uniform(-scale, scale, (16, 2)) for scale in (1.5, 0.2, 0.1))
     batch = approach(SCARA_1M, q, qd, qdd, target, PERIOD)
-    for lane in range(16):
-        one = slice(lane, lane + 1)
+    for row in range(16):
+        one = slice(row, row + 1)
         single = approach(SCARA_1M, q[one], qd[one], qdd[one], tuple(part[one] for part in target), PERIOD)
-        np.testing.assert_array_equal(single[0], batch[lane])
+        np.testing.assert_array_equal(single[0], batch[row])
     moved = replace(SCARA_1M, base=(0.5, -2.0))
     elsewhere = approach(moved, q, qd, qdd, (target[0] + [0.5, -2.0], *target[1:]), PERIOD)
     np.testing.assert_allclose(elsewhere, batch, atol=1e-9)
@@ -340,14 +340,14 @@ def test_the_weight_is_held() -> None:
     np.testing.assert_allclose(reach(arm, q, np.zeros((1, 3)), q, 0.5, 0.005), 0.0, atol=1e-12)
 
 
-def test_lanes_may_have_different_times_left() -> None:
+def test_environments_may_have_different_times_left() -> None:
     generator = np.random.default_rng(3)
     q, qd, goal = (generator.uniform(-1.0, 1.0, (8, 3)) for _ in range(3))
     left = 0.005 * generator.integers(1, 200, 8)
     batch = reach(PLANAR_3R, q, qd, goal, left, 0.005)
-    for lane in range(8):
-        one = slice(lane, lane + 1)
-        single = reach(PLANAR_3R, q[one], qd[one], goal[one], float(left[lane]), 0.005)
-        np.testing.assert_array_equal(single[0], batch[lane])
+    for row in range(8):
+        one = slice(row, row + 1)
+        single = reach(PLANAR_3R, q[one], qd[one], goal[one], float(left[row]), 0.005)
+        np.testing.assert_array_equal(single[0], batch[row])
     with pytest.raises(ValueError, match="must be positive"):
         reach(PLANAR_3R, q, qd, goal, left, 0.0)

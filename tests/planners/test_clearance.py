@@ -36,7 +36,7 @@ def test_known_postures() -> None:
     assert SCARA_50CM.clearance([0.0, np.pi / 2], [0.5, 0.25], 0.1) == pytest.approx(-0.145)
 
 
-def test_lanes_agree_with_single_postures_on_any_arm() -> None:
+def test_environments_agree_with_single_postures_on_any_arm() -> None:
     arm = replace(PLANAR_3R, base=(0.3, -0.1), link_radius=0.02)
     rng = np.random.default_rng(0)
     q, centers = rng.uniform(-3.0, 3.0, (20, 3)), rng.uniform(-1.0, 1.0, (20, 2))

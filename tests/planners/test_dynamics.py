@@ -36,10 +36,10 @@ def arms(draw: st.DrawFn) -> Arm:
     )
 
 
-def random_state(arm: Arm, seed: int, *lanes: int) -> tuple[Array, Array, Array]:
+def random_state(arm: Arm, seed: int, *rows: int) -> tuple[Array, Array, Array]:
     """Angles over the whole circle, and velocities and a third quantity of a few units."""
     rng = np.random.default_rng(seed)
-    shape = (*lanes, arm.n_joints)
+    shape = (*rows, arm.n_joints)
     return rng.uniform(-np.pi, np.pi, shape), rng.normal(0.0, 2.0, shape), rng.normal(0.0, 5.0, shape)
 
 
@@ -221,11 +221,11 @@ def test_payload_adds_the_force_that_moves_a_point_mass(arm: Arm) -> None:
 
 @pytest.mark.parametrize("method", ["inverse_dynamics", "forward_dynamics", "mass_matrix", "bias", "energy"])
 @pytest.mark.parametrize("arm", [SCARA_1M, LOPSIDED_3R], ids=lambda arm: arm.name)
-def test_a_lane_of_a_batch_equals_the_single_call_bit_for_bit(arm: Arm, method: str) -> None:
+def test_a_environment_of_a_batch_equals_the_single_call_bit_for_bit(arm: Arm, method: str) -> None:
     count = {"mass_matrix": 1, "bias": 2, "energy": 2}.get(method, 3)
     arguments = random_state(arm, 6, 101)[:count]
     batch = getattr(arm, method)(*arguments)
-    singles = [getattr(arm, method)(*lane) for lane in zip(*arguments, strict=True)]
+    singles = [getattr(arm, method)(*row) for row in zip(*arguments, strict=True)]
     np.testing.assert_array_equal(batch, singles)
 
 
@@ -241,5 +241,5 @@ def test_a_lane_of_a_batch_equals_the_single_call_bit_for_bit(arm: Arm, method: 
 )
 def test_wrong_shapes_are_refused_by_name(q: Array, qd: Array, qdd: Array) -> None:
     for method in (SCARA_1M.inverse_dynamics, SCARA_1M.forward_dynamics):
-        with pytest.raises(ValueError, match=r"got shapes .*SCARA_1M wants \(2,\) or \(lanes, 2\)"):
+        with pytest.raises(ValueError, match=r"got shapes .*SCARA_1M wants \(2,\) or \(batch, 2\)"):
             method(q, qd, qdd)

@@ -76,11 +76,11 @@ def test_dynamics_are_those_of_mujoco(mass: float) -> None:
     q, qd, qdd, _ = random_states(100)
     load = np.tile(payload(mass, offset=offset), (len(q), 1))
     tau = DYNAMICS.torque(q, qd, qd, qdd, load)
-    for lane in range(len(q)):
-        data.qpos, data.qvel, data.qacc = q[lane], qd[lane], qdd[lane]
+    for row in range(len(q)):
+        data.qpos, data.qvel, data.qacc = q[row], qd[row], qdd[row]
         mujoco.mj_inverse(model, data)
         # its passive forces hold the friction, which the motors have to overcome
-        np.testing.assert_allclose(tau[lane], data.qfrc_inverse, rtol=1e-9, atol=1e-9 * np.abs(tau[lane]).max())
+        np.testing.assert_allclose(tau[row], data.qfrc_inverse, rtol=1e-9, atol=1e-9 * np.abs(tau[row]).max())
     np.testing.assert_allclose(DYNAMICS.forward_dynamics(q, qd, tau, load), qdd, atol=1e-10)
 
 
@@ -123,7 +123,7 @@ def test_plane_is_the_attachment_with_slew_and_roll_held(moments: bool) -> None:
 
 
 def coriolis(q: Array, qd: Array, load: Array) -> Array:
-    """The matrix C of every lane, column by column."""
+    """The matrix C of every row, column by column."""
     still = np.zeros_like(q)
     gravity = DYNAMICS.torque(q, qd, still, still, load)
     columns = [DYNAMICS.torque(q, qd, still + unit, still, load) - gravity for unit in np.eye(N)]

@@ -144,11 +144,11 @@ def test_a_wrist_on_the_rim_of_its_reach_is_solved_close_to_the_bucket_singulari
     # rounding of 1e-16 leaves theta234 uncertain by 1e-8 rad and the wrist 1e-9 m out of reach, but the arm is
     # stretched to 1e-10 m: the solution must use that a pitch next to the computed one serves as well
     q = np.array([1.8, 1.1, -1.5e-5, 2.3, -1e-8])
-    lanes = q + np.random.default_rng(0).uniform(-0.01, 0.01, (500, 5)) * [1.0, 1.0, 0.0, 1.0, 0.0]
-    tip, axis = forward_kinematics(lanes)
-    solved = inverse_kinematics(tip, axis, near=lanes)
+    rows = q + np.random.default_rng(0).uniform(-0.01, 0.01, (500, 5)) * [1.0, 1.0, 0.0, 1.0, 0.0]
+    tip, axis = forward_kinematics(rows)
+    solved = inverse_kinematics(tip, axis, near=rows)
     assert pose_error(solved.q, tip, axis)[0] <= 1e-12
-    np.testing.assert_allclose(solved.nearest_q, lanes, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(solved.nearest_q, rows, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("q5", [0.0, 1e-14, np.pi])
@@ -185,14 +185,14 @@ def test_at_the_bucket_singularity_the_pitch_moves_only_as_far_as_the_elbow_need
     # nothing between: the wrist at any smaller turn is out of reach of boom and arm
     geometry = machine.geometry
     wrist = tip - geometry.d6 * axis
-    lanes, branches = np.nonzero(singular & ~kept)
-    theta = np.angle(np.exp(1j * solved.q[lanes, branches]))
-    front = wrist[lanes, 0] * np.cos(theta[:, 0]) + wrist[lanes, 1] * np.sin(theta[:, 0])
+    rows, branches = np.nonzero(singular & ~kept)
+    theta = np.angle(np.exp(1j * solved.q[rows, branches]))
+    front = wrist[rows, 0] * np.cos(theta[:, 0]) + wrist[rows, 1] * np.sin(theta[:, 0])
     turn = np.angle(np.exp(1j * theta[:, 1:4].sum(axis=-1)))
     for fraction in (-0.999, -0.5, 0.0, 0.5, 0.999):
         pitch = fraction * turn
         x = front - geometry.d5 * np.sin(pitch)
-        y = wrist[lanes, 2] - geometry.d1 + geometry.d5 * np.cos(pitch)
+        y = wrist[rows, 2] - geometry.d1 + geometry.d5 * np.cos(pitch)
         span = np.hypot(x, y)
         assert ((span > geometry.a2 + geometry.a3) | (span < abs(geometry.a2 - geometry.a3))).all()
 
@@ -268,11 +268,11 @@ def test_the_sixth_angle_completes_the_orientation_of_every_branch(machine: Exca
     pose = frames(q, machine)[:, 6]
     solved = inverse_kinematics(pose[:, :3, 3], pose[:, :3, 2], tool_x=pose[:, :3, 0], machine=machine)
     there = np.isfinite(solved.q).all(axis=-1)
-    lanes, branches = np.nonzero(there)
-    for lane, branch in zip(lanes, branches, strict=True):
-        geometry = dataclasses.replace(machine.geometry, theta6=float(solved.theta6[lane, branch]))
-        reached = frames(solved.q[lane, branch], with_geometry(geometry))[6]
-        np.testing.assert_allclose(reached, pose[lane], rtol=0.0, atol=1e-11)
+    rows, branches = np.nonzero(there)
+    for row, branch in zip(rows, branches, strict=True):
+        geometry = dataclasses.replace(machine.geometry, theta6=float(solved.theta6[row, branch]))
+        reached = frames(solved.q[row, branch], with_geometry(geometry))[6]
+        np.testing.assert_allclose(reached, pose[row], rtol=0.0, atol=1e-11)
 
 
 def test_a_full_pose_leaves_the_seed_and_perhaps_its_other_elbow() -> None:
@@ -294,10 +294,10 @@ def test_a_full_pose_is_exact_close_to_the_bucket_singularity_too(q5: float) -> 
     solved = inverse_kinematics(pose[:, :3, 3], pose[:, :3, 2], tool_x=pose[:, :3, 0], full_pose=True, near=q)
     there = np.isfinite(solved.q).all(axis=-1)
     np.testing.assert_array_equal(there.sum(axis=-1), 2)
-    lanes, _ = np.nonzero(there)
+    rows, _ = np.nonzero(there)
     reached = frames(solved.q[there])[:, 6]
-    np.testing.assert_allclose(reached[:, :3, 3], pose[lanes, :3, 3], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(reached, pose[lanes], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(reached[:, :3, 3], pose[rows, :3, 3], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(reached, pose[rows], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(solved.nearest_q, q, rtol=0.0, atol=1e-8)
 
 
@@ -321,16 +321,16 @@ def test_the_nearest_branch_has_the_least_weighted_distance() -> None:
     for weights in (None, (1.0, 4.0, 0.5, 0.0, 2.0)):
         solved = inverse_kinematics(tip, axis, near=near, weights=weights)
         scale = np.ones(5) if weights is None else np.array(weights)
-        for lane in range(400):
+        for row in range(400):
             distances = {
-                branch: float(np.sqrt((((solved.q[lane, branch] - near[lane]) * scale) ** 2).sum()))
+                branch: float(np.sqrt((((solved.q[row, branch] - near[row]) * scale) ** 2).sum()))
                 for branch in range(8)
-                if solved.usable[lane, branch]
+                if solved.usable[row, branch]
             }
-            assert distances[int(solved.nearest[lane])] == pytest.approx(min(distances.values()), abs=1e-12)
+            assert distances[int(solved.nearest[row])] == pytest.approx(min(distances.values()), abs=1e-12)
 
 
-def test_leading_axes_broadcast_and_a_single_target_equals_its_lane() -> None:
+def test_leading_axes_broadcast_and_a_single_target_equals_its_environment() -> None:
     q = random_postures(6, seed=18).reshape(2, 3, 5)
     tip, axis = forward_kinematics(q)
     assert tip.shape == axis.shape == (2, 3, 3)

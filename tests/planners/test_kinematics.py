@@ -128,17 +128,17 @@ def test_batch_equals_single_bit_for_bit() -> None:
     rng = np.random.default_rng(20)
     q = rng.uniform(-np.pi, np.pi, (101, 3))
     hand, orientation = PLANAR_3R.forward_kinematics(q), q.sum(axis=1)
-    np.testing.assert_array_equal(hand, [PLANAR_3R.forward_kinematics(lane) for lane in q])
-    np.testing.assert_array_equal(PLANAR_3R.jacobian(q), [PLANAR_3R.jacobian(lane) for lane in q])
+    np.testing.assert_array_equal(hand, [PLANAR_3R.forward_kinematics(row) for row in q])
+    np.testing.assert_array_equal(PLANAR_3R.jacobian(q), [PLANAR_3R.jacobian(row) for row in q])
     np.testing.assert_array_equal(
         PLANAR_3R.inverse_kinematics(hand, orientation),
-        [PLANAR_3R.inverse_kinematics(*lane) for lane in zip(hand, orientation, strict=True)],
+        [PLANAR_3R.inverse_kinematics(*row) for row in zip(hand, orientation, strict=True)],
     )
     hand = SCARA_1M.forward_kinematics(q[:, :2])
     np.testing.assert_array_equal(SCARA_1M.inverse_kinematics(hand), [SCARA_1M.inverse_kinematics(p) for p in hand])
 
 
-def test_one_orientation_serves_every_lane() -> None:
+def test_one_orientation_serves_every_environment() -> None:
     hand = np.array([[0.4, 0.3], [0.1, 0.5]])
     np.testing.assert_array_equal(
         PLANAR_3R.inverse_kinematics(hand, 0.7), PLANAR_3R.inverse_kinematics(hand, [0.7, 0.7])
@@ -149,7 +149,7 @@ def test_target_too_far_is_named() -> None:
     wanted = r"position \(3, -4\) m is 5 m from the base; links of 1 m and 1 m reach from 0 m to 2 m$"
     with pytest.raises(UnreachableTarget, match=wanted) as caught:
         SCARA_1M.inverse_kinematics([3.0, -4.0])
-    assert caught.value.lanes == (0,)
+    assert caught.value.rows == (0,)
 
 
 def test_target_too_near_is_named() -> None:
@@ -165,11 +165,11 @@ def test_unreachable_wrist_names_the_hand_the_orientation_and_the_wrist() -> Non
     PLANAR_3R.inverse_kinematics([0.75, 0.0], orientation=0.0)
 
 
-def test_every_unreachable_lane_is_counted() -> None:
+def test_every_unreachable_environment_is_counted() -> None:
     hand = [[1.0, 0.0], [9.0, 0.0], [0.0, 1.0], [0.0, 8.0]]
     with pytest.raises(UnreachableTarget, match=r"\(9, 0\).*1 more target") as caught:
         SCARA_1M.inverse_kinematics(hand)
-    assert caught.value.lanes == (1, 3)
+    assert caught.value.rows == (1, 3)
 
 
 def test_unreachable_target_survives_pickling() -> None:
@@ -177,7 +177,7 @@ def test_unreachable_target_survives_pickling() -> None:
         SCARA_1M.inverse_kinematics([3.0, -4.0])
     copy = pickle.loads(pickle.dumps(caught.value))
     assert type(copy) is UnreachableTarget
-    assert (str(copy), copy.lanes) == (str(caught.value), (0,))
+    assert (str(copy), copy.rows) == (str(caught.value), (0,))
 
 
 @pytest.mark.parametrize("hand", [[math.nan, 0.0], [0.0, math.inf], [-math.inf, math.nan]])
@@ -193,14 +193,14 @@ def test_orientation_that_is_no_number_is_unreachable() -> None:
 
 @pytest.mark.parametrize("hand", [1.0, [1.0], [1.0, 0.0, 0.0], np.zeros((4, 3)), np.zeros((1, 1, 2))])
 def test_wrong_target_shapes_are_refused(hand: Array) -> None:
-    with pytest.raises(ValueError, match=r"hand position has shape .* give \(2,\) or \(lanes, 2\)"):
+    with pytest.raises(ValueError, match=r"hand position has shape .* give \(2,\) or \(batch, 2\)"):
         SCARA_1M.inverse_kinematics(hand)
 
 
 @pytest.mark.parametrize("q", [0.0, [0.0], [0.0, 0.0, 0.0], np.zeros((4, 3)), np.zeros((1, 1, 2))])
 def test_wrong_posture_shapes_are_refused(q: Array) -> None:
     for method in (SCARA_1M.joint_positions, SCARA_1M.forward_kinematics, SCARA_1M.jacobian):
-        with pytest.raises(ValueError, match=r"SCARA_1M wants \(2,\) or \(lanes, 2\)"):
+        with pytest.raises(ValueError, match=r"SCARA_1M wants \(2,\) or \(batch, 2\)"):
             method(q)
 
 

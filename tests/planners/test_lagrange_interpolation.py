@@ -20,7 +20,7 @@ from planners.lagrange.interpolation import (
 )
 from planners.lagrange.joint_move import JointMove
 from planners.lagrange.newton import Task, index, look_at, newton_model
-from planners.lagrange.torque_derivatives import add_torque_curvature_lane, torque_jacobian_lane, torques_lane
+from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
 from tools.lagrange_equations import derive
@@ -127,19 +127,19 @@ def test_torque_and_its_derivatives(arm: Arm) -> None:
 
     def torque(links: Array) -> Array:
         tau = np.empty(n)
-        torques_lane(*constants, links, tau)
+        torques_single(*constants, links, tau)
         return tau
 
     def jacobian(links: Array) -> Array:
         rows = np.empty((n, 3, n))
-        torque_jacobian_lane(*constants, links, rows)
+        torque_jacobian_single(*constants, links, rows)
         return rows
 
     for _ in range(10):
         links, factors = rng.normal(size=(3, n)) * 2.0, rng.normal(size=n)
         np.testing.assert_allclose(torque(links), arm.inverse_dynamics(*relative(links)), atol=1e-12)
         curvature = np.zeros((4, n, 4, n))
-        add_torque_curvature_lane(*constants, links, factors, curvature)
+        add_torque_curvature_single(*constants, links, factors, curvature)
         assert not curvature[3].any()
         for d in range(3):
             for j in range(n):

@@ -24,10 +24,10 @@ UPRIGHT = replace(PLANAR_3R, gravity=9.81)
 every_arm = pytest.mark.parametrize("arm", [SCARA_1M, UPRIGHT], ids=lambda arm: arm.name)
 
 
-def states(arm: Arm, lanes: int = 50) -> list[Array]:
-    """Angles, velocities and accelerations, ``(lanes, n)`` each."""
+def states(arm: Arm, rows: int = 50) -> list[Array]:
+    """Angles, velocities and accelerations, ``(batch, n)`` each."""
     generator = np.random.default_rng(0)
-    return [scale * generator.standard_normal((lanes, arm.n_joints)) for scale in (2.0, 3.0, 5.0)]
+    return [scale * generator.standard_normal((rows, arm.n_joints)) for scale in (2.0, 3.0, 5.0)]
 
 
 @every_arm

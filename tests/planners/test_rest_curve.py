@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.motion.rest_curve import SHAPES, rest_curve_lane, shape_functions
+from planners.motion.rest_curve import SHAPES, rest_curve_single, shape_functions
 from planners.typing import Array
 
 START, GOAL, DURATION = np.array([0.1, -2.0, 0.5]), np.array([1.0, 2.0, 0.5]), 0.8
@@ -14,7 +14,7 @@ START, GOAL, DURATION = np.array([0.1, -2.0, 0.5]), np.array([1.0, 2.0, 0.5]), 0
 
 def curve(coefficients: Array, t: float) -> tuple[Array, Array]:
     q, qd = np.empty(3), np.empty(3)
-    rest_curve_lane(coefficients, START, GOAL, DURATION, t, q, qd)
+    rest_curve_single(coefficients, START, GOAL, DURATION, t, q, qd)
     return q, qd
 
 

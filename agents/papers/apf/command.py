@@ -121,8 +121,8 @@ class StepTime:
     """Time that one sample takes, s: the whole loop of the planner, and the field alone for many arms at once."""
 
     planner: float
-    field_per_lane: float
-    lanes: int
+    field_per_arm: float
+    arms: int
     published_budget: float = PERIOD
 
 
@@ -138,7 +138,7 @@ def run(options: PaperApfOptions) -> None:
     console.print(_scene_table(scenes), _random_table(randoms))
     console.print(
         f"- A sample takes {1e6 * step.planner:.2f} us in the planner, clearances included, and "
-        f"{1e6 * step.field_per_lane:.2f} us an arm for the field alone with {step.lanes} arms at once; the paper's "
+        f"{1e6 * step.field_per_arm:.2f} us an arm for the field alone with {step.arms} arms at once; the paper's "
         f"budget is {1e6 * step.published_budget:.0f} us.",
         highlight=False,
     )
@@ -256,13 +256,13 @@ def _ending(problem: MotionProblem, motion: FieldMotion) -> tuple[str, bool]:
     return "hand" if touched else motion.outcome, in_range
 
 
-def step_time(lanes: int = 256) -> StepTime:
+def step_time(arms: int = 256) -> StepTime:
     """Time a sample takes: the least of several measurements."""
     arm, problem, field = SCARA_50CM, paper_problem(), make_field()
     samples = len(follow_field(problem, field).t)
-    q = np.tile(problem.q, (lanes, 1))
-    goals, radii = np.tile(GOAL, (lanes, 1)), np.full((lanes, 1), RADIUS + arm.link_radius)
-    discs = np.tile(problem.obstacles[0].position, (lanes, 1, 1)), np.tile(problem.obstacles[0].velocity, (lanes, 1, 1))
+    q = np.tile(problem.q, (arms, 1))
+    goals, radii = np.tile(GOAL, (arms, 1)), np.full((arms, 1), RADIUS + arm.link_radius)
+    discs = np.tile(problem.obstacles[0].position, (arms, 1, 1)), np.tile(problem.obstacles[0].velocity, (arms, 1, 1))
     free = np.full(2, np.inf)
 
     def rates() -> Array:
@@ -271,8 +271,8 @@ def step_time(lanes: int = 256) -> StepTime:
     rates()  # compiled, or read from the cache, before the clock starts
     return StepTime(
         planner=min(timeit.repeat(lambda: follow_field(problem, field), number=1, repeat=20)) / samples,
-        field_per_lane=min(timeit.repeat(rates, number=10, repeat=20)) / (10 * lanes),
-        lanes=lanes,
+        field_per_arm=min(timeit.repeat(rates, number=10, repeat=20)) / (10 * arms),
+        arms=arms,
     )
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from agents.papers.report import Fact
 from planners import MotionProblem
-from planners.apf.hand_field import joint_rates_lane, make_field
+from planners.apf.hand_field import joint_rates_single, make_field
 from planners.apf.khatib import Gains, wall_slope
 from planners.apf.paper import PERIOD, follow_field, posture
 
@@ -67,7 +67,7 @@ def singularity(problem: MotionProblem) -> Fact:
     for angle in angles:
         q = np.array([0.0, angle])
         rates = np.empty(2)
-        joint_rates_lane(problem.arm.length_array, q, np.array([-1.0, 0.0]), rates)
+        joint_rates_single(problem.arm.length_array, q, np.array([-1.0, 0.0]), rates)
         damped.append(float(np.abs(rates).max()))
         if angle:
             exact.append(float(np.abs(np.linalg.solve(problem.arm.jacobian(q), [-1.0, 0.0])).max()))

@@ -35,14 +35,14 @@ def draw(trial: Trial, percents: Sequence[float], file_format: str, dpi: int) ->
         run = trial.follow(contender, percents, [NOMINAL] * len(percents))
         first = slice(0, len(run.t) // trial.cycles)
         look: dict[str, Any] = {"color": colour, "label": contender.title, "linewidth": 1.2}
-        for lane, row in enumerate(panels):
+        for env_index, row in enumerate(panels):
             for joint in range(2):
-                row[2 * joint].plot(run.t[first], np.degrees(run.q[first, lane, joint]), **look)
-                row[2 * joint + 1].plot(run.t[first], np.degrees(run.qd[first, lane, joint]), **look)
-            error = np.sqrt(np.square(np.degrees(run.q[:, lane] - run.q_d)).mean(axis=-1))
+                row[2 * joint].plot(run.t[first], np.degrees(run.q[first, env_index, joint]), **look)
+                row[2 * joint + 1].plot(run.t[first], np.degrees(run.qd[first, env_index, joint]), **look)
+            error = np.sqrt(np.square(np.degrees(run.q[:, env_index] - run.q_d)).mean(axis=-1))
             row[4].semilogy(run.t, np.maximum(error, _SMALLEST), **look)
             if contender is not FIXED:
-                row[5].plot(run.t, run.mass[:, lane], **look)
+                row[5].plot(run.t, run.mass[:, env_index], **look)
     wanted: dict[str, Any] = {"color": "k", "linestyle": ":", "linewidth": 1.2, "label": "wanted"}
     for percent, row in zip(percents, panels, strict=True):
         number = FIGURES.get(percent, "")

@@ -136,12 +136,12 @@ class Trial:
         cases: Sequence[Case],
         progress: Callable[[], object] = lambda: None,
     ) -> Run:
-        """One controller with a payload (%) and a case for each lane."""
+        """One controller with a payload (%) and a case for each environment."""
         shape = self.machine.payload
-        lanes = list(zip(percents, cases, strict=True))
+        pairs = list(zip(percents, cases, strict=True))
         plant = Plant.loaded(
             ChainDynamics.of_excavator(self.machine),
-            np.array([payload(shape.mass(percent), self.machine, case.offset) for percent, case in lanes]),
+            np.array([payload(shape.mass(percent), self.machine, case.offset) for percent, case in pairs]),
             link_scale=np.array([case.links for case in cases]),
             friction_scale=np.array([case.friction for case in cases]),
             lag=np.array([case.lag for case in cases]),
@@ -150,7 +150,7 @@ class Trial:
         controller = make_controller(
             contender.controller,
             moments=contender.moments,
-            lanes=plant.lanes,
+            rows=plant.rows,
             period=self.period,
             machine=self.machine,
         )
@@ -167,9 +167,9 @@ class Trial:
         run = self.follow(contender, percents, cases, progress)
         tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
         distance = np.linalg.norm(tip, axis=-1)
-        for lane, (percent, case) in enumerate(zip(percents, cases, strict=True)):
+        for env_index, (percent, case) in enumerate(zip(percents, cases, strict=True)):
             mass = self.machine.payload.mass(percent)
-            first, last = (self._errors(run, distance, lane, mass, cycle) for cycle in (0, self.cycles - 1))
+            first, last = (self._errors(run, distance, env_index, mass, cycle) for cycle in (0, self.cycles - 1))
             yield PayloadRow(
                 controller=contender.title,
                 case=case.title,
@@ -177,21 +177,21 @@ class Trial:
                 mass=mass,
                 first=first,
                 last=last,
-                torque_ratio=float((np.abs(run.tau[:, lane]) / self.machine.torque_limit_array).max()),
+                torque_ratio=float((np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max()),
             )
 
-    def _errors(self, run: Run, distance: Array, lane: int, mass: float, cycle: int) -> CycleErrors:
+    def _errors(self, run: Run, distance: Array, env_index: int, mass: float, cycle: int) -> CycleErrors:
         length = len(run.t) // self.cycles
         span = slice(cycle * length, (cycle + 1) * length)
-        position = run.q[span, lane] - run.q_d[span]
+        position = run.q[span, env_index] - run.q_d[span]
         return CycleErrors(
             position=_rms(position),
-            velocity=_rms(run.qd[span, lane] - run.qd_d[span]),
+            velocity=_rms(run.qd[span, env_index] - run.qd_d[span]),
             joints=float(np.sqrt(np.square(position).mean())),
-            tip=float(np.sqrt(np.square(distance[span, lane]).mean())),
-            tip_peak=float(distance[span, lane].max()),
-            mass_error=float(np.abs(run.mass[span, lane] - mass).max()),
-            mass_estimate=float(run.mass[span, lane][-1]),
+            tip=float(np.sqrt(np.square(distance[span, env_index]).mean())),
+            tip_peak=float(distance[span, env_index].max()),
+            mass_error=float(np.abs(run.mass[span, env_index] - mass).max()),
+            mass_estimate=float(run.mass[span, env_index][-1]),
         )
 
 

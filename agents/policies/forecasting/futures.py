@@ -105,7 +105,7 @@ def expect(track: Any, move: Any, network: Network, table: Array, places: Array,
 
 @njit(cache=True, nogil=True)
 def _run(network: Network, features: Array) -> Array:
-    """The network's outputs, ``(OUTPUTS,)``; lane by lane, so that the number of lanes does not change a bit."""
+    """The network's outputs, ``(OUTPUTS,)``; row by row, so that the batch size does not change a bit."""
     values = (features - network.mean) / network.spread
     values = np.maximum(np.dot(network.weight0, values) + network.bias0, 0.0)
     values = np.maximum(np.dot(network.weight1, values) + network.bias1, 0.0)

@@ -30,7 +30,7 @@ FORESIGHT = 3.0
 
 @dataclass(frozen=True)
 class Memory:
-    """What is remembered of each lane.
+    """What is remembered of each environment.
 
     Attributes:
         field: of the field, see `planners.apf.dodge.new_memory`.
@@ -43,9 +43,9 @@ class Memory:
     moves: NDArray[Any]
 
     @classmethod
-    def of_nothing(cls, lanes: int) -> Memory:
+    def of_nothing(cls, num_envs: int) -> Memory:
         """Before the first observation."""
-        return cls(new_memory(lanes, 1), new_tracks(lanes), np.zeros(lanes, MOVE))
+        return cls(new_memory(num_envs, 1), new_tracks(num_envs), np.zeros(num_envs, MOVE))
 
     def copy(self) -> Memory:
         """One that can be changed."""
@@ -78,17 +78,17 @@ class ForecastingDodger(Expert):
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Memory]:
         seen = self.task.layout.parse(observations)
-        lanes, base = len(observations), self.task.arm.base_array
+        num_envs, base = len(observations), self.task.arm.base_array
         begins = starts | self._begins(seen)
-        if isinstance(state, Memory) and len(state.tracks) == lanes:
+        if isinstance(state, Memory) and len(state.tracks) == num_envs:
             memory = state.copy()
         else:
-            memory, begins = Memory.of_nothing(lanes), np.ones(lanes, dtype=bool)
+            memory, begins = Memory.of_nothing(num_envs), np.ones(num_envs, dtype=bool)
         memory.field[begins], memory.tracks[begins] = np.zeros(1, memory.field.dtype), new_tracks(1)
-        for lane in np.flatnonzero(begins):
-            memory.moves[lane] = self._move(observations[lane])
+        for env_index in np.flatnonzero(begins):
+            memory.moves[env_index] = self._move(observations[env_index])
         deciding = ~memory.field["decided"]
-        futures, weights = np.zeros((lanes, PATHS, len(self._table), 1, 2)), np.zeros((lanes, PATHS))
+        futures, weights = np.zeros((num_envs, PATHS, len(self._table), 1, 2)), np.zeros((num_envs, PATHS))
         _watch_and_expect(
             memory.tracks,
             memory.moves,
@@ -163,8 +163,8 @@ def _watch_and_expect(
     futures: Array,
     weights: Array,
 ) -> None:
-    """Take in the discs of all lanes; fill in the futures of those that decide."""
-    for lane in range(tracks.shape[0]):
-        follow_disc(tracks[lane], moves[lane], places[lane], velocities[lane])
-        if deciding[lane]:
-            expect(tracks[lane], moves[lane], network, table, futures[lane, :, :, 0], weights[lane])
+    """Take in the discs of all environments; fill in the futures of those that decide."""
+    for env_index in range(tracks.shape[0]):
+        follow_disc(tracks[env_index], moves[env_index], places[env_index], velocities[env_index])
+        if deciding[env_index]:
+            expect(tracks[env_index], moves[env_index], network, table, futures[env_index, :, :, 0], weights[env_index])

@@ -71,9 +71,9 @@ when it comes closest to the arm that moves straight to its goal, s from the sta
 the first observation."""
 
 
-def new_tracks(lanes: int) -> NDArray[Any]:
-    """Tracks of discs not yet seen, ``(lanes,)``."""
-    return np.zeros(lanes, TRACK)
+def new_tracks(num_envs: int) -> NDArray[Any]:
+    """Tracks of discs not yet seen, ``(num_envs,)``."""
+    return np.zeros(num_envs, TRACK)
 
 
 @njit(cache=True, nogil=True)

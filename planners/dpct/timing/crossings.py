@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.robot.clearance import clearance_lane
+from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
 CONTACT = 1000.0
@@ -88,7 +88,7 @@ def predicted_clearance(scene: Scene, q: Array, t: float) -> float:
     nearest = np.inf
     for i in range(scene.discs.shape[0]):
         x, y, vx, vy, radius = scene.discs[i]
-        gap = clearance_lane(scene.lengths, scene.base, scene.link_radius, q, x + t * vx, y + t * vy, radius)
+        gap = clearance_single(scene.lengths, scene.base, scene.link_radius, q, x + t * vx, y + t * vy, radius)
         nearest = min(nearest, gap)
     return nearest
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from planners.dpct.timing.crossings import Line
-from planners.robot.dynamics import inverse_dynamics_lane
+from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 GENTLE = 0.05
@@ -158,8 +158,8 @@ def _most_acceleration(
     most = np.inf
     for probe in range(PROBES):
         q = origin + length * probe / (PROBES - 1) * direction
-        inverse_dynamics_lane(coupling, weight, q, still, still, held)
-        inverse_dynamics_lane(coupling, weightless, q, still, direction, moved)
+        inverse_dynamics_single(coupling, weight, q, still, still, held)
+        inverse_dynamics_single(coupling, weightless, q, still, direction, moved)
         for i in range(n):
             if moved[i] != 0.0:
                 most = min(most, (torque[i] - abs(held[i])) / abs(moved[i]))

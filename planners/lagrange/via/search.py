@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from planners.lagrange.via.curve import DEGREE, angle_at, derivative, interpolate
-from planners.robot.clearance import clearance_lane
-from planners.robot.dynamics import inverse_dynamics_lane
+from planners.robot.clearance import clearance_single
+from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 DURATIONS, STRETCH, FINER = 6, 1.25, 4
@@ -287,7 +287,7 @@ def clearance_at(situation: Situation, keep_out: float, q: Array, t: float) -> f
         away = max(math.hypot(x, y), 1e-9)
         out = max(1.0, keep_out / away)
         x, y = situation.base[0] + out * x, situation.base[1] + out * y
-        gap = clearance_lane(situation.lengths, situation.base, situation.link_radius, q, x, y, disc[4])
+        gap = clearance_single(situation.lengths, situation.base, situation.link_radius, q, x, y, disc[4])
         nearest = min(nearest, gap)
     return float(nearest)
 
@@ -303,7 +303,7 @@ def _load(situation: Situation, scratch: Scratch, duration: float) -> float:
             q[i] = derivative(scratch.c[i], 0, s)
             qd[i] = derivative(scratch.c[i], 1, s) / duration
             qdd[i] = derivative(scratch.c[i], 2, s) / duration**2
-        inverse_dynamics_lane(situation.coupling, situation.weight, q, qd, qdd, tau)
+        inverse_dynamics_single(situation.coupling, situation.weight, q, qd, qdd, tau)
         for i in range(q.shape[0]):
             load = abs(tau[i]) / situation.torque[i]
             if load > SHARE:
