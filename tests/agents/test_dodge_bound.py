@@ -14,6 +14,7 @@ import pytest
 from envs.experts.planning import PlanningExpert
 from envs.obstacle_dodge import bound as dodge_bound
 from envs.obstacle_dodge.bound import ENV_ID, FILE, stored_bound
+from tools import dodge_bound as search
 from tools.dodge_bound import DodgeBoundOptions, fingerprint, main
 
 QUICK = [1, 4, 5, 6]
@@ -114,6 +115,6 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             raise KeyboardInterrupt
         return solve(env, env_index)
 
-    monkeypatch.setattr(dodge_bound, "solve", interrupted)
+    monkeypatch.setattr(search, "solve", interrupted)
     main(DodgeBoundOptions(seeds=3, out=path))
     assert json.loads(path.read_text())["time_to_goal"] == [stored_bound([0])[0]]
