@@ -75,8 +75,8 @@ class BenchmarkConfig(Settings):
         bound_episodes: for how many of them the bound is computed.
         seed: of the first episode; the next has the next.
         num_envs: episodes that run at once.
-        policies: names of experts, ``agent`` for the agent shipped for the environment, ``forecaster`` for that
-            of ObstacleDodge-v0, paths of runs and agents.
+        policies: names of experts, ``agent`` for the agent shipped for the environment, paths of runs and
+            agents.
         tasks: what they do.
     """
 

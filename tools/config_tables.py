@@ -22,7 +22,6 @@ from agents.files import write_text
 from agents.training.recipe import Amortisation, TrainingConfig, WarmStart
 from agents.yaml_config import BenchmarkConfig, BenchmarkTask, Published
 from envs.settings import Settings
-from tools.forecaster.config import ForecastConfig
 
 PAGE = Path(__file__).parent.parent / "docs" / "configs.md"
 _MARKED = re.compile(r"^(<!-- settings of (\S+) -->)$.*?^(<!-- end of \2 -->)$", flags=re.MULTILINE | re.DOTALL)
@@ -34,7 +33,7 @@ _WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", t
 
 def documented() -> dict[str, type[Settings]]:
     """What has a table, by its name: benchmarks, training, and of every environment its settings and its options."""
-    kinds = (BenchmarkConfig, BenchmarkTask, Published, TrainingConfig, WarmStart, Amortisation, ForecastConfig)
+    kinds = (BenchmarkConfig, BenchmarkTask, Published, TrainingConfig, WarmStart, Amortisation)
     found: dict[str, type[Settings]] = {kind.__name__: kind for kind in kinds}
     for env_id in known_env_ids():
         module, _, name = str(gym.spec(env_id).entry_point).removesuffix("Env").partition(":")

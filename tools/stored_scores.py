@@ -28,8 +28,7 @@ from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate
 from agents.evaluation.leaderboard import LIMIT_TOLERANCE, METRICS
 from agents.files import write_json
 from agents.policies.agent import shipped_agents
-from agents.policies.forecasting.forecaster import ENV_ID
-from agents.policies.lookup import FORECASTER, SHIPPED, find_contender
+from agents.policies.lookup import SHIPPED, find_contender
 from agents.provenance import machine, versions
 from envs.experts import expert_names
 
@@ -77,16 +76,12 @@ def main(options: ScoresOptions) -> int:
 
 
 def entrants() -> list[tuple[str, str]]:
-    """Environments, and names of what is scored there: experts, and what is shipped that was learnt."""
-    with_agent, with_forecaster = shipped_agents(), [ENV_ID]
+    """Environments, and names of what is scored there: experts, and the shipped agents."""
+    with_agent = shipped_agents()
     return [
         (env_id, name)
         for env_id in known_env_ids()
-        for name in (
-            *expert_names(env_id),
-            *([SHIPPED] if env_id in with_agent else []),
-            *([FORECASTER] if env_id in with_forecaster else []),
-        )
+        for name in (*expert_names(env_id), *([SHIPPED] if env_id in with_agent else []))
         if name != "random"
     ]
 

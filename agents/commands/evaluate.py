@@ -32,8 +32,8 @@ class EvaluateOptions:
     """
 
     policy: tyro.conf.Positional[str]
-    """Name of an expert, +adaptive behind it if it is to weigh the payload; agent for the one that comes with planarm,
-    forecaster for that of ObstacleDodge-v0; or the path of a run, an agent or a .zip."""
+    """Name of an expert, +adaptive behind it if it is to weigh the payload; agent for the one that comes with planarm;
+    or the path of a run, an agent or a .zip."""
     env: str | None = None
     """Id of the environment; can be left out for what was trained here, which knows."""
     episodes: int = 100

@@ -37,8 +37,7 @@ class RolloutOptions:
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ConveyorTrack-v0."""
     policy: str = "dpct"
-    """Name of an expert; agent for the one that comes with planarm, forecaster for that of
-    ObstacleDodge-v0; the path of a run, an agent or a .zip."""
+    """Name of an expert; agent for the one that comes with planarm; the path of a run, an agent or a .zip."""
     seed: int = 0
     """Seed of the episode's start."""
     scenario: Literal["random", "paper"] = "random"

@@ -12,15 +12,11 @@ from typing import Any
 
 from agents.evaluation.evaluate import Policy, PolicyMaker
 from agents.policies.agent import Agent, load_agent, shipped_agents
-from agents.policies.forecasting import Forecaster, ForecastingDodger, load_forecaster
-from agents.policies.forecasting.forecaster import ENV_ID, is_forecaster
 from envs.experts import EXPERTS, is_expert
 from envs.settings import refuse_unknown
 
 SHIPPED = "agent"
 """The name of the agent that comes with planarm for the environment at hand."""
-FORECASTER = "forecaster"
-"""The name of the policy that dodges discs by the forecasts that come with planarm."""
 
 _SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
 """A setting by which the models of each algorithm are known, the telling ones first; DDPG's are loaded as TD3's."""
@@ -65,8 +61,8 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
 
     Args:
         source: the name of an expert, with ``+adaptive`` behind it for one that weighs the payload; ``agent`` for the
-            agent shipped for the environment; ``forecaster`` for the one of ObstacleDodge-v0; the path of a training
-            run's folder, of an agent or a forecaster (.safetensors), or of a model of Stable-Baselines3 (.zip).
+            agent shipped for the environment; the path of a training run's folder, of an agent (.safetensors), or of a
+            model of Stable-Baselines3 (.zip).
         env_id: where it shall act.
         allow_code: whether to load a model of Stable-Baselines3, which runs whatever code its file holds.
 
@@ -78,31 +74,18 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
         return Contender(source, source)
     if source.endswith(".zip"):
         return Contender(Path(source).stem, _load_sb3(Path(source), allow_code=allow_code))
-    if source == FORECASTER:
-        refuse_unknown([env_id], [ENV_ID], "environment with a forecaster")
-        return _of_forecaster(FORECASTER, load_forecaster())
     if source == SHIPPED:
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
         return _of_agent(SHIPPED, load_agent(env_id), env_id)
     if not (source.endswith(".safetensors") or Path(source).is_dir()):
-        refuse_unknown(
-            [source], [*EXPERTS, SHIPPED, FORECASTER], "policy (or the path of a run, a .safetensors or a .zip)"
-        )
-    name = Path(source).resolve().stem
-    if is_forecaster(Path(source)):
-        refuse_unknown([env_id], [ENV_ID], "environment with a forecaster")
-        return _of_forecaster(name, load_forecaster(source))
-    return _of_agent(name, load_agent(source), env_id)
+        refuse_unknown([source], [*EXPERTS, SHIPPED], "policy (or the path of a run, a .safetensors or a .zip)")
+    return _of_agent(Path(source).resolve().stem, load_agent(source), env_id)
 
 
 def _of_agent(name: str, agent: Agent, env_id: str) -> Contender:
     if agent.env_id != env_id:
         raise ValueError(f"{name} was trained on {agent.env_id}, not on {env_id}")
     return Contender(name, agent, agent.action_config)
-
-
-def _of_forecaster(name: str, forecaster: Forecaster) -> Contender:
-    return Contender(name, lambda env: ForecastingDodger(env.unwrapped.task, forecaster))
 
 
 def _load_sb3(path: Path, *, allow_code: bool) -> Policy:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.forecasting import load_forecaster, save_forecaster
 from agents.policies.lookup import Contender, find_contender
 
 ENV = "ConveyorTrack-v0"
@@ -35,19 +34,6 @@ def test_an_agent_brings_the_meaning_of_its_actions_and_no_other_setting(tmp_pat
         contender = find_contender(source, ENV)
         assert (contender.name, contender.is_expert) == (name, False)
         assert contender.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
-
-
-def test_the_forecaster_by_name_and_by_path(tmp_path: Path) -> None:
-    shipped = load_forecaster()
-    save_forecaster(shipped, tmp_path / "mine.safetensors")
-    for source, name in (("forecaster", "forecaster"), (str(tmp_path / "mine.safetensors"), "mine")):
-        contender = find_contender(source, "ObstacleDodge-v0")
-        assert (contender.name, contender.is_expert) == (name, False)
-        assert contender.settings({"tolerance": 0.05}) == {"tolerance": 0.05}
-        scored = evaluate(contender.policy, "ObstacleDodge-v0", range(4), env_config={"control_mode": "velocity"})
-        assert scored.success.sum() >= 3
-        with pytest.raises(ValueError, match="environment with a forecaster"):
-            find_contender(source, ENV)
 
 
 def test_a_task_of_other_actions_is_refused() -> None:

@@ -19,7 +19,7 @@ from tools.stored_scores import FILE, ScoresOptions, differences, entrants, load
 
 Change = Callable[[Any], Any]
 STORED = load()
-QUICK = [(env_id, name) for env_id, name in entrants() if name in ("apf", "follower", "agent", "forecaster")]
+QUICK = [(env_id, name) for env_id, name in entrants() if name in ("apf", "follower", "agent")]
 
 
 class Changed:

@@ -1,1 +1,0 @@
-"""Trains the forecaster of ObstacleDodge-v0."""
