@@ -28,7 +28,7 @@ from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate
 from agents.evaluation.leaderboard import LIMIT_TOLERANCE, METRICS
 from agents.files import write_json
 from agents.policies.agent import shipped_agents
-from agents.policies.lookup import SHIPPED, find_contender
+from agents.policies.lookup import SHIPPED, find_policy
 from agents.provenance import machine, versions
 from envs.experts import expert_names
 
@@ -88,8 +88,8 @@ def entrants() -> list[tuple[str, str]]:
 
 def score(env_id: str, name: str) -> Score:
     """The score of an entrant now, in the environment's default settings but for what its actions mean."""
-    contender = find_contender(name, env_id)
-    return score_policy(contender.policy, env_id, contender.settings({}))
+    named = find_policy(name, env_id)
+    return score_policy(named.policy, env_id, named.settings({}))
 
 
 def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:

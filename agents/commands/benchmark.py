@@ -23,7 +23,7 @@ from agents.evaluation.compare import Pair, as_documents, compare_all, print_com
 from agents.evaluation.evaluate import Evaluation, as_policy, evaluate, known_env_ids
 from agents.evaluation.leaderboard import TaskResult, as_document, print_leaderboard
 from agents.files import write_json
-from agents.policies.lookup import Contender, find_contender
+from agents.policies.lookup import NamedPolicy, find_policy
 from agents.provenance import machine, versions
 from agents.yaml_config import BenchmarkConfig, BenchmarkTask, load_experiment
 from envs.settings import refuse_unknown
@@ -116,11 +116,11 @@ class Benchmark:
         """Make every environment and policy once, so that what is wrong with any is said before the first episode."""
         for task in self.config.tasks:
             refuse_unknown([task.env], known_env_ids(), "environment")
-            for contender in self.contenders(task):
-                with closing(gym.make_vec(task.env, num_envs=1, **contender.settings(task.env_config))) as env:
+            for named in self.policies(task):
+                with closing(gym.make_vec(task.env, num_envs=1, **named.settings(task.env_config))) as env:
                     observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
-                    policy = as_policy(contender.policy, env)
-                    if not contender.is_expert:
+                    policy = as_policy(named.policy, env)
+                    if not named.is_expert:
                         policy.predict(observation, deterministic=True)
 
     def warm_up(self, progress: Callable[[int], object]) -> None:
@@ -129,8 +129,8 @@ class Benchmark:
         One environment and several are compiled apart, because their arrays differ in layout.
         """
         for task in self.config.tasks:
-            for contender in self.contenders(task):
-                self._evaluate(task, contender, self._seeds(task)[:WARM_UP], progress)
+            for named in self.policies(task):
+                self._evaluate(task, named, self._seeds(task)[:WARM_UP], progress)
 
     def fill(self, begin: Callable[[str], object], progress: Callable[[int], object]) -> None:
         """Run everything.
@@ -143,11 +143,11 @@ class Benchmark:
             seeds = self._seeds(task)
             result = TaskResult(task, seeds)
             self.results.append(result)
-            for contender in self.contenders(task):
-                begin(f"{task.title}: {contender.name}")
-                result.evaluations.append(self._evaluate(task, contender, seeds, progress))
-                if contender.action_config:
-                    result.action_configs[contender.name] = contender.action_config
+            for named in self.policies(task):
+                begin(f"{task.title}: {named.name}")
+                result.evaluations.append(self._evaluate(task, named, seeds, progress))
+                if named.action_config:
+                    result.action_configs[named.name] = named.action_config
             if self._bounded(task):
                 begin(f"{task.title}: bound")
                 result.bounds = best_known(
@@ -169,31 +169,31 @@ class Benchmark:
             "results": [{**as_document(result), "pairs": as_documents(self.pairs(result))} for result in self.results],
         }
 
-    def contenders(self, task: BenchmarkTask) -> list[Contender]:
+    def policies(self, task: BenchmarkTask) -> list[NamedPolicy]:
         """Who takes part in a task.
 
         Raises:
             ValueError: for what is no policy, or none of this environment.
         """
-        return [find_contender(name, task.env, allow_code=self.allow_code) for name in self._policies(task)]
+        return [find_policy(name, task.env, allow_code=self.allow_code) for name in self._policies(task)]
 
     def pairs(self, result: TaskResult) -> list[Pair]:
         """The comparisons of a task, of what is finished."""
-        learnt = [contender.name for contender in self.contenders(result.task) if not contender.is_expert]
+        learnt = [named.name for named in self.policies(result.task) if not named.is_expert]
         return compare_all(result, learnt if self.compared is None else self.compared)
 
     def _evaluate(
-        self, task: BenchmarkTask, contender: Contender, seeds: NDArray[np.int64], progress: Callable[[int], object]
+        self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Callable[[int], object]
     ) -> Evaluation:
         return evaluate(
-            contender.policy,
+            named.policy,
             task.env,
             seeds,
-            env_config=contender.settings(task.env_config),
+            env_config=named.settings(task.env_config),
             options=task.options,
             num_envs=self.config.num_envs,
             progress=progress,
-            name=contender.name,
+            name=named.name,
         )
 
     def _policies(self, task: BenchmarkTask) -> tuple[str, ...]:

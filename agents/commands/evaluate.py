@@ -11,7 +11,7 @@ import tyro
 from agents.commands.benchmark import Benchmark, run_and_print
 from agents.evaluation.evaluate import known_env_ids
 from agents.policies.agent import load_agent
-from agents.policies.lookup import SHIPPED, find_contender
+from agents.policies.lookup import SHIPPED, find_policy
 from agents.yaml_config import BenchmarkConfig, assigned
 from envs.experts import is_expert
 from envs.settings import refuse_unknown
@@ -70,7 +70,7 @@ class EvaluateOptions:
             },
             "evaluation setting",
         )
-        name = find_contender(self.policy, env_id, allow_code=self.allow_code).name
+        name = find_policy(self.policy, env_id, allow_code=self.allow_code).name
         return Benchmark(config, compared=(name,), allow_code=self.allow_code)
 
     def _env_id(self) -> str:

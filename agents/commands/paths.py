@@ -16,7 +16,7 @@ from agents.figures.episode_record import STORIES, Course, run_course
 from agents.figures.paths import draw_courses, picture_bytes
 from agents.files import write_bytes
 from agents.papers.report import new_sheet, report_console
-from agents.policies.lookup import find_contender
+from agents.policies.lookup import find_policy
 from envs.settings import refuse_unknown
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -60,9 +60,9 @@ def run(options: PathsOptions) -> int:
         ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
     """
     _check(options)
-    contenders = [find_contender(name, options.env) for name in options.policies]
+    policies = [find_policy(name, options.env) for name in options.policies]
     scenario = {"scenario": options.scenario}
-    courses = [run_course(options.env, contender, options.seed, scenario) for contender in contenders]
+    courses = [run_course(options.env, named, options.seed, scenario) for named in policies]
     console = report_console()
     start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
     console.print(outcome_table(start, courses))

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from agents.evaluation.evaluate import Policy, PolicyMaker, as_policy, known_env_ids
 from agents.figures.film import Film, require_recordable
-from agents.policies.lookup import find_contender
+from agents.policies.lookup import find_policy
 from agents.yaml_config import assigned
 from envs.settings import refuse_unknown
 
@@ -72,14 +72,14 @@ def run(options: RolloutOptions) -> int:
         raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
     if options.record is not None:
         require_recordable(options.record, fps=options.fps, width=options.width)
-    contender = find_contender(options.policy, options.env, allow_code=options.allow_code)
+    named = find_policy(options.policy, options.env, allow_code=options.allow_code)
     mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
-    settings = contender.settings({**assigned({}, options.settings), **mode})
+    settings = named.settings({**assigned({}, options.settings), **mode})
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
     console = Console()
     with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
         film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
-        info = play(env, contender.policy, options.seed, {"scenario": options.scenario}, film)
+        info = play(env, named.policy, options.seed, {"scenario": options.scenario}, film)
     console.print(info_table(f"{options.env}, {options.policy}, seed {options.seed}", info))
     if film is not None and options.record is not None:
         film.write(options.record)

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.commands.rollout import Info, play
-from agents.policies.lookup import Contender
+from agents.policies.lookup import NamedPolicy
 from envs.task import Task
 from planners import Arm
 from planners.typing import Array
@@ -150,16 +150,16 @@ class Course:
         return int(np.abs(self.t - time).argmin())
 
 
-def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> Course:
+def run_course(env_id: str, named: NamedPolicy, seed: int, options: Info) -> Course:
     """Run one episode of a policy and keep what a picture of it needs.
 
     Raises:
         ValueError: for a seed or options that the environment does not know.
     """
     story = STORIES[env_id]
-    with closing(gym.make(env_id, **contender.settings({}))) as env:
+    with closing(gym.make(env_id, **named.settings({}))) as env:
         watched = _Watched(env, story)
-        info = play(watched, contender.policy, seed, options)
+        info = play(watched, named.policy, seed, options)
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
         period, record = task.config.control_period, task.batch[0]
         t = np.arange(len(watched.joints), dtype=np.float64) * period
@@ -168,7 +168,7 @@ def run_course(env_id: str, contender: Contender, seed: int, options: Info) -> C
             rates = np.diff(measure) / period
             measure = np.append(rates, rates[-1])
         return Course(
-            policy=contender.name,
+            policy=named.name,
             env_id=env_id,
             arm=task.arm,
             t=t,

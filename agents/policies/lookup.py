@@ -23,7 +23,7 @@ _SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise
 
 
 @dataclass(frozen=True)
-class Contender:
+class NamedPolicy:
     """A policy and what it needs.
 
     Attributes:
@@ -56,7 +56,7 @@ class Contender:
         return {**env_config, **self.action_config}
 
 
-def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Contender:
+def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedPolicy:
     """A policy by name or by path.
 
     Args:
@@ -71,9 +71,9 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
         ModuleNotFoundError: for a model of Stable-Baselines3 without the `rl` extra.
     """
     if is_expert(source):
-        return Contender(source, source)
+        return NamedPolicy(source, source)
     if source.endswith(".zip"):
-        return Contender(Path(source).stem, _load_sb3(Path(source), allow_code=allow_code))
+        return NamedPolicy(Path(source).stem, _load_sb3(Path(source), allow_code=allow_code))
     if source == SHIPPED:
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
         return _of_agent(SHIPPED, load_agent(env_id), env_id)
@@ -82,10 +82,10 @@ def find_contender(source: str, env_id: str, *, allow_code: bool = False) -> Con
     return _of_agent(Path(source).resolve().stem, load_agent(source), env_id)
 
 
-def _of_agent(name: str, agent: Agent, env_id: str) -> Contender:
+def _of_agent(name: str, agent: Agent, env_id: str) -> NamedPolicy:
     if agent.env_id != env_id:
         raise ValueError(f"{name} was trained on {agent.env_id}, not on {env_id}")
-    return Contender(name, agent, agent.action_config)
+    return NamedPolicy(name, agent, agent.action_config)
 
 
 def _load_sb3(path: Path, *, allow_code: bool) -> Policy:

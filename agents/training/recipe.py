@@ -84,7 +84,7 @@ class TrainingConfig(Settings):
         whole_episodes: the policy decides once an episode; steps then count episodes.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
-        rivals: experts; the best of them on the same seeds stands beside the agent.
+        baselines: experts; the best of them on the same seeds stands beside the agent.
     """
 
     env: str
@@ -113,7 +113,7 @@ class TrainingConfig(Settings):
     whole_episodes: bool = False
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
-    rivals: tuple[str, ...] = Field(("dpct", "lagrange", "apf"), min_length=1)
+    baselines: tuple[str, ...] = Field(("dpct", "lagrange", "apf"), min_length=1)
 
     @classmethod
     def parse(cls, given: Mapping[str, Any], what: str) -> Self:

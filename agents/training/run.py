@@ -119,15 +119,15 @@ class TrainingRun:
             model = SegmentedPPO(self.config, env, layout)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self._restore(model)
-            rival = self._rival(watcher)
-            if not self.rows and not self._warm_start(model, rival, watcher):
+            baseline = self._baseline(watcher)
+            if not self.rows and not self._warm_start(model, baseline, watcher):
                 return False
             while not self.finished:
-                if not self._segment(model, env, rival, watcher):
+                if not self._segment(model, env, baseline, watcher):
                     return False
         return True
 
-    def _warm_start(self, model: SegmentedPPO, rival: Row, watcher: Watcher) -> bool:
+    def _warm_start(self, model: SegmentedPPO, baseline: Row, watcher: Watcher) -> bool:
         """Clone an expert or amortise, if the configuration says so, and write the first checkpoint; as `_segment`."""
 
         def go_on(line: str) -> bool:
@@ -140,10 +140,10 @@ class TrainingRun:
             if not begin(model.policy, self.config, _env_seed(self.config.seed, 0), go_on):
                 return False
         self.seconds += perf_counter() - before
-        self._checkpoint(model, rival, watcher)
+        self._checkpoint(model, baseline, watcher)
         return True
 
-    def _segment(self, model: SegmentedPPO, env: NativeVecEnv, rival: Row, watcher: Watcher) -> bool:
+    def _segment(self, model: SegmentedPPO, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
         """Train up to the next checkpoint and write it; False, and no checkpoint, if the watcher stopped it."""
         number, before = 1 + self.steps // self.config.segment_steps, perf_counter()
         seed_everything(self.config.seed, number)
@@ -158,17 +158,17 @@ class TrainingRun:
             return False
         self.steps = model.num_timesteps
         self.seconds += perf_counter() - before
-        self._checkpoint(model, rival, watcher)
+        self._checkpoint(model, baseline, watcher)
         return True
 
-    def _checkpoint(self, model: SegmentedPPO, rival: Row, watcher: Watcher) -> None:
+    def _checkpoint(self, model: SegmentedPPO, baseline: Row, watcher: Watcher) -> None:
         """Evaluate and write everything; the checkpoint last, because with it the segment counts as done."""
         watcher.begin("evaluating")
         agent = self._agent(model)
         scores = summary(self._evaluate(agent))
         agent = Agent({**agent.document, "scores": scores}, agent.tensors)
         best_before = max((_merit(row) for row in self.rows), default=(-1.0, 0.0))
-        row = {"steps": self.steps, "seconds": round(self.seconds, 3), **scores, **rival}
+        row = {"steps": self.steps, "seconds": round(self.seconds, 3), **scores, **baseline}
         self.rows.append(row)
         save_agent(agent, self.folder / "last.safetensors")
         if _merit(row) > best_before:
@@ -228,12 +228,12 @@ class TrainingRun:
             settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
         return evaluate(policy, self.config.env, seeds, env_config=settings)
 
-    def _rival(self, watcher: Watcher) -> Row:
+    def _baseline(self, watcher: Watcher) -> Row:
         """The best expert's row on the evaluation's seeds."""
         if self.rows:
             return {name: value for name, value in self.rows[0].items() if name.startswith("expert")}
         scores = {}
-        for name in self.config.rivals:
+        for name in self.config.baselines:
             watcher.begin(f"evaluating {name}")
             scores[name] = summary(self._evaluate(name))
         best = max(scores, key=lambda name: _merit(scores[name]))
@@ -283,7 +283,7 @@ def _segment_state(seed: int, segment: int) -> NDArray[Any]:
 def _check(config: TrainingConfig) -> None:
     """Raise a ValueError for what the configuration names and is not there, before anything is written."""
     fine_elements(config, layout_of(config.env, config.env_config))
-    refuse_unknown(config.rivals, expert_names(config.env), "expert")
+    refuse_unknown(config.baselines, expert_names(config.env), "expert")
     if config.warm_start:
         with closing(gym.make(config.env, **config.env_config)) as env:
             envs.make_expert(config.warm_start.expert, env)

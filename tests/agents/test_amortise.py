@@ -38,7 +38,7 @@ SMALL: dict[str, Any] = {
     "amortise": {"moves": 2000, "updates": 150, "batch_size": 128},
     "checkpoint_steps": 32,
     "evaluation_episodes": 20,
-    "rivals": ["follower"],
+    "baselines": ["follower"],
 }
 
 

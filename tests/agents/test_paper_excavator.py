@@ -12,7 +12,7 @@ import pytest
 from agents.cli import COMMANDS, main
 from agents.papers.excavator.command import PaperExcavatorOptions, run
 from agents.papers.excavator.figures import draw
-from agents.papers.excavator.runs import CASES, CONTENDERS, ROUGH_PAYLOADS
+from agents.papers.excavator.runs import CASES, CONTROLLERS, ROUGH_PAYLOADS
 
 QUICK = {"payloads": (0.0, 10.0), "cycles": 1, "rate": 40.0}
 
@@ -37,7 +37,7 @@ def test_the_command_is_there() -> None:
 
 def test_every_table_is_complete(document: dict[str, Any]) -> None:
     assert list(document) == ["payloads", "rough", "facts"]
-    titles = [contender.title for contender in CONTENDERS]
+    titles = [entry.title for entry in CONTROLLERS]
     assert len(set(titles)) == len(titles)
     assert [(row["controller"], row["mass"]) for row in document["payloads"]] == [
         (title, mass) for title in titles for mass in (0.0, 350.0)
@@ -68,7 +68,7 @@ def test_nothing_unknown_is_the_payload_table_again(document: dict[str, Any]) ->
 def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
     gain, mass, accuracy, rough, centre, kinematics, sign = (fact["values"] for fact in document["facts"])
     rows = {(row["controller"], row["mass"]): row["last"] for row in document["payloads"]}
-    ours, fixed = CONTENDERS[-1].title, "computed torque"
+    ours, fixed = CONTROLLERS[-1].title, "computed torque"
     assert gain["last_of_fixed"] == pytest.approx(rows[ours, 350.0]["joints"] / rows[fixed, 350.0]["joints"])
     assert gain["first_of_fixed"] < gain["integral_of_fixed"] < 0.2
     assert mass["after_first_cycle"] == pytest.approx(abs(rows[ours, 350.0]["mass_estimate"] / 350.0 - 1.0))

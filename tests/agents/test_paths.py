@@ -15,7 +15,7 @@ from agents import cli
 from agents.commands.paths import PathsOptions, run
 from agents.evaluation.evaluate import known_env_ids
 from agents.figures.episode_record import STORIES, run_course
-from agents.policies.lookup import find_contender
+from agents.policies.lookup import find_policy
 
 POLICIES = ("follower", "dpct")
 DODGE = "ObstacleDodge-v0"
@@ -46,7 +46,7 @@ def test_the_outcomes_are_the_evaluators(
 
 
 def test_a_course_is_the_episode_step_by_step() -> None:
-    course = run_course(DODGE, find_contender("follower", DODGE), 29, {})
+    course = run_course(DODGE, find_policy("follower", DODGE), 29, {})
     evaluation = agents.evaluate("follower", DODGE, [29])
     assert len(course.t) == evaluation.lengths[0] + 1
     assert course.joints.shape == (len(course.t), 3, 2)
@@ -57,7 +57,7 @@ def test_a_course_is_the_episode_step_by_step() -> None:
 
 
 def test_the_torque_over_time_sums_to_what_is_spent() -> None:
-    course = run_course("MinTorqueMove-v0", find_contender("dpct", "MinTorqueMove-v0"), 18, {})
+    course = run_course("MinTorqueMove-v0", find_policy("dpct", "MinTorqueMove-v0"), 18, {})
     spent = course.measure[:-1] @ np.diff(course.t)
     assert spent == pytest.approx(course.info["torque_l1"], rel=1e-12)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation.evaluate import Policy, as_policy
-from agents.policies.lookup import find_contender
+from agents.policies.lookup import find_policy
 from tools import stored_scores as scores
 from tools.stored_scores import FILE, ScoresOptions, differences, entrants, load, main, score, score_policy
 
@@ -36,10 +36,10 @@ class Changed:
 
 
 def changed_differences(env_id: str, name: str, change: Change) -> list[str]:
-    contender = find_contender(name, env_id)
-    settings = contender.settings({})
+    named = find_policy(name, env_id)
+    settings = named.settings({})
     with closing(gym.make_vec(env_id, num_envs=scores.EPISODES, **settings)) as env:
-        policy = contender.policy
+        policy = named.policy
         changed = Changed(as_policy(policy, env), change)
         return list(differences(STORED[env_id][name], score_policy(changed, env_id, settings)))
 

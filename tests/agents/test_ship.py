@@ -206,7 +206,7 @@ def test_real_runs_are_shipped_and_drawn(tmp_path: Path, capsys: pytest.CaptureF
     from agents import cli
 
     small = ["total_steps=400", "num_envs=4", "rollout_steps=50", "batch_size=100", "hidden=[8]", "warm_start=null"]
-    small += ["checkpoint_steps=200", "evaluation_episodes=2", "rivals=[apf]"]
+    small += ["checkpoint_steps=200", "evaluation_episodes=2", "baselines=[apf]"]
     folders = [tmp_path / f"run-{seed}" for seed in range(2)]
     for seed, folder in enumerate(folders):
         arguments = ["train", f"ppo/{CONVEYOR}", *small, "--seed", str(seed), "--out", str(folder)]

@@ -47,7 +47,7 @@ SMALL: dict[str, Any] = {
     "final_log_std": -2.0,
     "checkpoint_steps": 400,
     "evaluation_episodes": 3,
-    "rivals": ["apf"],
+    "baselines": ["apf"],
 }
 
 CLONED: dict[str, Any] = {
@@ -190,7 +190,7 @@ def test_shipped_experiments_give_the_same_weights_twice(name: str, tmp_path: Pa
         "epochs=2",
         "checkpoint_steps=1600",
     ]
-    changes += ["evaluation_episodes=2", f"rivals=[{config.rivals[-1]}]"]
+    changes += ["evaluation_episodes=2", f"baselines=[{config.baselines[-1]}]"]
     if config.warm_start is not None:
         changes += ["warm_start.episodes=4", "warm_start.rounds=2", "warm_start.updates=20"]
     if config.amortise is not None:
@@ -285,7 +285,7 @@ def test_discounted_returns() -> None:
 def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
     config = load_experiment(name, TrainingConfig)
     assert config.env == name.removeprefix("ppo/")
-    few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8", "rivals=[apf]"]
+    few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8", "baselines=[apf]"]
     assert main(["train", name, *few, "warm_start=null", "amortise=null", "--seed", "1", "--out", str(tmp_path)]) == 0
     assert load_agent(tmp_path).document["training"]["seed"] == 1
 
@@ -302,7 +302,7 @@ def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
         (["ppo/ConveyorTrack-v0", "env=ConveyorTrak-v0"], 'did you mean "ConveyorTrack-v0"'),
         (["ppo/ConveyorTrack-v0", "env_config.horizn=2"], 'did you mean "horizon"'),
         (["ppo/ConveyorTrack-v0", "fine.part_eror=2"], 'did you mean "part_error"'),
-        (["ppo/ConveyorTrack-v0", "rivals=[dptc]"], 'did you mean "dpct"'),
+        (["ppo/ConveyorTrack-v0", "baselines=[dptc]"], 'did you mean "dpct"'),
         (["ppo/ConveyorTrack-v0", "warm_start.expert=dptc"], 'did you mean "dpct"'),
         ([], "name an experiment"),
         (["ppo/ConveyorTrack-v0", "--resume", "runs/x"], "--resume takes no other"),

@@ -1,4 +1,4 @@
-"""`planarm paper-excavator`: the excavator paper's simulation again, with numbers and with rivals.
+"""`planarm paper-excavator`: the excavator paper's simulation again, with numbers and beside other controllers.
 
 "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator" (2019) shows how
 joints 1 and 2 follow a motion with payloads of 2, 4, 6, 8 and 10 %, in figures without a number. Machine, motion and
@@ -22,7 +22,7 @@ from agents.papers.excavator.facts import facts
 from agents.papers.excavator.figures import draw
 from agents.papers.excavator.runs import (
     CASES,
-    CONTENDERS,
+    CONTROLLERS,
     ROUGH_PAYLOADS,
     PayloadRow,
     Trial,
@@ -90,7 +90,7 @@ def run(options: PaperExcavatorOptions) -> None:
 def _run_with_bar(trial: Trial, percents: Sequence[float]) -> tuple[list[PayloadRow], list[PayloadRow]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("cycles", total=2 * trial.cycles * len(CONTENDERS))
+        task = bar.add_task("cycles", total=2 * trial.cycles * len(CONTROLLERS))
 
         def progress() -> None:
             bar.advance(task)
@@ -100,7 +100,7 @@ def _run_with_bar(trial: Trial, percents: Sequence[float]) -> tuple[list[Payload
 
 def _payload_tables(rows: Sequence[PayloadRow], cycles: int) -> list[tuple[str, Table]]:
     both = f"cycle 1 / cycle {cycles}"
-    learning = {contender.title for contender in CONTENDERS if contender.controller in ADAPTIVE}
+    learning = {entry.title for entry in CONTROLLERS if entry.controller in ADAPTIVE}
     cells: list[tuple[str, Cell]] = [
         (f"RMS error of the five joints, deg: {both}", _joints),
         (f"Tip, mm: RMS and peak in cycle 1 / RMS and peak in cycle {cycles}", _tip),
@@ -131,11 +131,9 @@ def _rough_tables(rows: Sequence[PayloadRow]) -> list[tuple[str, Table]]:
         table = Table("controller")
         for case in CASES:
             table.add_column(case.title, justify="right")
-        for contender in CONTENDERS:
-            chosen = [row for row in rows if (row.controller, row.percent) == (contender.title, percent)]
-            table.add_row(
-                contender.title, *(f"{np.degrees(row.last.joints):.4f} / {_mm(row.last.tip)}" for row in chosen)
-            )
+        for entry in CONTROLLERS:
+            chosen = [row for row in rows if (row.controller, row.percent) == (entry.title, percent)]
+            table.add_row(entry.title, *(f"{np.degrees(row.last.joints):.4f} / {_mm(row.last.tip)}" for row in chosen))
         tables.append(
             (f"What the controller does not know, {mass:g} kg: joints, deg / tip, mm, RMS, last cycle", table)
         )

@@ -15,7 +15,7 @@ from agents.papers.excavator.runs import (
     NOMINAL,
     PAPER,
     Case,
-    Contender,
+    NamedController,
     PayloadRow,
 )
 from agents.papers.report import Fact
@@ -39,7 +39,7 @@ def facts(payloads: Sequence[PayloadRow], rough: Sequence[PayloadRow]) -> Iterat
 
 def adaptation(rows: Sequence[PayloadRow]) -> Fact:
     """What learning buys, against controllers that do not learn: the worst over the payloads."""
-    (first, last), (_, last_integral) = (_shares(rows, DEFAULT, rival) for rival in (FIXED, INTEGRAL))
+    (first, last), (_, last_integral) = (_shares(rows, DEFAULT, baseline) for baseline in (FIXED, INTEGRAL))
     integral = _shares(rows, INTEGRAL, FIXED)[1]
     return Fact(
         f"{DEFAULT.title}: the error of the joints is at most {_percent(first)} of that of computed torque in the "
@@ -91,8 +91,8 @@ def rough_arm(rows: Sequence[PayloadRow]) -> Fact:
 
 def wrong_centre(rows: Sequence[PayloadRow]) -> Fact:
     """The paper's law with the payload's centre elsewhere."""
-    heaviest = {contender: _of(rows, contender, CENTRE_OFF)[-1] for contender in (PAPER, INTEGRAL, DEFAULT)}
-    errors = {contender.title: float(np.degrees(row.last.joints)) for contender, row in heaviest.items()}
+    heaviest = {entry: _of(rows, entry, CENTRE_OFF)[-1] for entry in (PAPER, INTEGRAL, DEFAULT)}
+    errors = {entry.title: float(np.degrees(row.last.joints)) for entry, row in heaviest.items()}
     return Fact(
         f"A mass is not enough: with the centre of {heaviest[PAPER].mass:g} kg off by {_offset(CENTRE_OFF)} m the "
         "error of the joints is " + ", ".join(f"{value:.3f} deg ({title})" for title, value in errors.items()) + ".",
@@ -144,15 +144,15 @@ def _random_postures() -> Array:
     return np.random.default_rng(0).uniform(-limit, limit, (POSTURES, EXCAVATOR.n_joints))
 
 
-def _of(rows: Sequence[PayloadRow], contender: Contender, case: Case) -> list[PayloadRow]:
-    return [row for row in rows if (row.controller, row.case) == (contender.title, case.title)]
+def _of(rows: Sequence[PayloadRow], entry: NamedController, case: Case) -> list[PayloadRow]:
+    return [row for row in rows if (row.controller, row.case) == (entry.title, case.title)]
 
 
 def _shares(
-    rows: Sequence[PayloadRow], contender: Contender, rival: Contender, case: Case = NOMINAL
+    rows: Sequence[PayloadRow], entry: NamedController, baseline: NamedController, case: Case = NOMINAL
 ) -> tuple[float, float]:
     """Largest ratio of the joints' errors of two controllers over the payloads, in the first and in the last cycle."""
-    pairs = zip(_of(rows, contender, case), _of(rows, rival, case), strict=True)
+    pairs = zip(_of(rows, entry, case), _of(rows, baseline, case), strict=True)
     loaded = [(ours, theirs) for ours, theirs in pairs if ours.mass]
     return (
         max(ours.first.joints / theirs.first.joints for ours, theirs in loaded),

@@ -31,17 +31,17 @@ def draw(trial: Trial, percents: Sequence[float], file_format: str, dpi: int) ->
     """
     sheet = new_sheet(24.0, 3.0 * len(percents))
     panels = sheet.subplots(len(percents), 6, squeeze=False)
-    for contender, colour in _SHOWN:
-        run = trial.follow(contender, percents, [NOMINAL] * len(percents))
+    for entry, colour in _SHOWN:
+        run = trial.follow(entry, percents, [NOMINAL] * len(percents))
         first = slice(0, len(run.t) // trial.cycles)
-        look: dict[str, Any] = {"color": colour, "label": contender.title, "linewidth": 1.2}
+        look: dict[str, Any] = {"color": colour, "label": entry.title, "linewidth": 1.2}
         for env_index, row in enumerate(panels):
             for joint in range(2):
                 row[2 * joint].plot(run.t[first], np.degrees(run.q[first, env_index, joint]), **look)
                 row[2 * joint + 1].plot(run.t[first], np.degrees(run.qd[first, env_index, joint]), **look)
             error = np.sqrt(np.square(np.degrees(run.q[:, env_index] - run.q_d)).mean(axis=-1))
             row[4].semilogy(run.t, np.maximum(error, _SMALLEST), **look)
-            if contender is not FIXED:
+            if entry is not FIXED:
                 row[5].plot(run.t, run.mass[:, env_index], **look)
     wanted: dict[str, Any] = {"color": "k", "linestyle": ":", "linewidth": 1.2, "label": "wanted"}
     for percent, row in zip(percents, panels, strict=True):

@@ -19,7 +19,7 @@ ROUGH_PAYLOADS = (2.0, 10.0)
 
 
 @dataclass(frozen=True)
-class Contender:
+class NamedController:
     """A controller and what it learns: see :func:`planners.excavator.controllers.make_controller`."""
 
     title: str
@@ -27,18 +27,18 @@ class Contender:
     moments: bool = False
 
 
-CONTENDERS = (
-    Contender("PD + gravity", "pd-gravity"),
-    Contender("computed torque", "computed-torque"),
-    Contender("computed torque + I", "integral-computed-torque"),
-    Contender("the paper's, mass", "adaptive-computed-torque"),
-    Contender("the paper's, mass + moments", "adaptive-computed-torque", moments=True),
-    Contender("Slotine-Li, mass", "slotine-li"),
-    Contender("Slotine-Li, mass + moments", "slotine-li", moments=True),
-    Contender("Slotine-Li + I, mass", "integral-slotine-li"),
-    Contender("Slotine-Li + I, mass + moments", "integral-slotine-li", moments=True),
+CONTROLLERS = (
+    NamedController("PD + gravity", "pd-gravity"),
+    NamedController("computed torque", "computed-torque"),
+    NamedController("computed torque + I", "integral-computed-torque"),
+    NamedController("the paper's, mass", "adaptive-computed-torque"),
+    NamedController("the paper's, mass + moments", "adaptive-computed-torque", moments=True),
+    NamedController("Slotine-Li, mass", "slotine-li"),
+    NamedController("Slotine-Li, mass + moments", "slotine-li", moments=True),
+    NamedController("Slotine-Li + I, mass", "integral-slotine-li"),
+    NamedController("Slotine-Li + I, mass + moments", "integral-slotine-li", moments=True),
 )
-FIXED, INTEGRAL, PAPER, DEFAULT = CONTENDERS[1], CONTENDERS[2], CONTENDERS[3], CONTENDERS[-1]
+FIXED, INTEGRAL, PAPER, DEFAULT = CONTROLLERS[1], CONTROLLERS[2], CONTROLLERS[3], CONTROLLERS[-1]
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Trial:
 
     def follow(
         self,
-        contender: Contender,
+        entry: NamedController,
         percents: Sequence[float],
         cases: Sequence[Case],
         progress: Callable[[], object] = lambda: None,
@@ -148,8 +148,8 @@ class Trial:
             noise=np.array([case.noise for case in cases]),
         )
         controller = make_controller(
-            contender.controller,
-            moments=contender.moments,
+            entry.controller,
+            moments=entry.moments,
             rows=plant.rows,
             period=self.period,
             machine=self.machine,
@@ -158,20 +158,20 @@ class Trial:
 
     def rows(
         self,
-        contender: Contender,
+        entry: NamedController,
         percents: Sequence[float],
         cases: Sequence[Case],
         progress: Callable[[], object] = lambda: None,
     ) -> Iterator[PayloadRow]:
         """The same, in numbers."""
-        run = self.follow(contender, percents, cases, progress)
+        run = self.follow(entry, percents, cases, progress)
         tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
         distance = np.linalg.norm(tip, axis=-1)
         for env_index, (percent, case) in enumerate(zip(percents, cases, strict=True)):
             mass = self.machine.payload.mass(percent)
             first, last = (self._errors(run, distance, env_index, mass, cycle) for cycle in (0, self.cycles - 1))
             yield PayloadRow(
-                controller=contender.title,
+                controller=entry.title,
                 case=case.title,
                 percent=percent,
                 mass=mass,
@@ -199,15 +199,15 @@ def payload_rows(
     trial: Trial, percents: Sequence[float], progress: Callable[[], object] = lambda: None
 ) -> Iterator[PayloadRow]:
     """Every controller with every payload (%), in the arm that it knows."""
-    for contender in CONTENDERS:
-        yield from trial.rows(contender, percents, [NOMINAL] * len(percents), progress)
+    for entry in CONTROLLERS:
+        yield from trial.rows(entry, percents, [NOMINAL] * len(percents), progress)
 
 
 def rough_rows(trial: Trial, progress: Callable[[], object] = lambda: None) -> Iterator[PayloadRow]:
     """Every controller with `ROUGH_PAYLOADS` in every case."""
-    for contender in CONTENDERS:
+    for entry in CONTROLLERS:
         percents = [percent for percent in ROUGH_PAYLOADS for _ in CASES]
-        yield from trial.rows(contender, percents, CASES * len(ROUGH_PAYLOADS), progress)
+        yield from trial.rows(entry, percents, CASES * len(ROUGH_PAYLOADS), progress)
 
 
 def _rms(errors: Array) -> Array:

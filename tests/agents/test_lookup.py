@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.lookup import Contender, find_contender
+from agents.policies.lookup import NamedPolicy, find_policy
 
 ENV = "ConveyorTrack-v0"
 
 
 def test_an_expert_brings_no_settings() -> None:
-    expert = find_contender("apf", ENV)
+    expert = find_policy("apf", ENV)
     assert (expert.name, expert.policy, expert.settings({"payload": 0.1})) == ("apf", "apf", {"payload": 0.1})
     assert expert.is_expert
 
@@ -31,18 +31,18 @@ def test_an_agent_brings_the_meaning_of_its_actions_and_no_other_setting(tmp_pat
         (str(tmp_path / "run"), "run"),
         (str(tmp_path / "run" / "best.safetensors"), "best"),
     ):
-        contender = find_contender(source, ENV)
-        assert (contender.name, contender.is_expert) == (name, False)
-        assert contender.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
+        named = find_policy(source, ENV)
+        assert (named.name, named.is_expert) == (name, False)
+        assert named.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
 
 
 def test_a_task_of_other_actions_is_refused() -> None:
-    contender = Contender("mine", "dpct", {"control_mode": "jerk"})
-    assert contender.settings({"control_mode": "jerk"}) == {"control_mode": "jerk"}
+    named = NamedPolicy("mine", "dpct", {"control_mode": "jerk"})
+    assert named.settings({"control_mode": "jerk"}) == {"control_mode": "jerk"}
     with pytest.raises(
         ValueError, match=r"mine was trained with control_mode 'jerk'.*'torque'.*leave control_mode out"
     ):
-        contender.settings({"control_mode": "torque"})
+        named.settings({"control_mode": "torque"})
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,14 @@ def test_a_task_of_other_actions_is_refused() -> None:
 )
 def test_what_is_wrong_is_said(source: str, env_id: str, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        find_contender(source, env_id)
+        find_policy(source, env_id)
 
 
 def test_an_agent_of_another_environment_is_refused(tmp_path: Path) -> None:
     shipped = load_agent(ENV)
     save_agent(shipped, tmp_path / "mine.safetensors")
     with pytest.raises(ValueError, match="mine was trained on ConveyorTrack-v0, not on ObstacleDodge-v0"):
-        find_contender(str(tmp_path / "mine.safetensors"), "ObstacleDodge-v0")
+        find_policy(str(tmp_path / "mine.safetensors"), "ObstacleDodge-v0")
 
 
 def test_what_is_no_model_is_said_even_when_code_is_allowed(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_what_is_no_model_is_said_even_when_code_is_allowed(tmp_path: Path) -> N
         archive.writestr("data", '{"gamma": 0.9}')
     for name, complaint in (("text", "no model of Stable-Baselines3"), ("other", "no algorithm known here")):
         with pytest.raises(ValueError, match=complaint):
-            find_contender(str(tmp_path / f"{name}.zip"), ENV, allow_code=True)
+            find_policy(str(tmp_path / f"{name}.zip"), ENV, allow_code=True)
 
 
 @pytest.mark.parametrize("algorithm", ["PPO", "A2C", "SAC", "TD3", "DDPG"])
@@ -83,7 +83,7 @@ def test_a_model_of_stable_baselines3_is_evaluated(tmp_path: Path, algorithm: st
         sizes["buffer_size"] = 10
     model = getattr(library, algorithm)("MlpPolicy", gym.make(ENV), **sizes)
     model.save(tmp_path / "mine.zip")
-    contender = find_contender(str(tmp_path / "mine.zip"), ENV, allow_code=True)
-    assert (contender.name, contender.is_expert, contender.action_config) == ("mine", False, {})
-    loaded, original = (evaluate(policy, ENV, range(3)) for policy in (contender.policy, model))
+    named = find_policy(str(tmp_path / "mine.zip"), ENV, allow_code=True)
+    assert (named.name, named.is_expert, named.action_config) == ("mine", False, {})
+    loaded, original = (evaluate(policy, ENV, range(3)) for policy in (named.policy, model))
     np.testing.assert_array_equal(loaded.returns, original.returns)
