@@ -1,0 +1,39 @@
+"""What commands print beside tables: lines, notes on stderr, and a progress bar."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+
+def say(text: str) -> None:
+    """Print a result to stdout; only a terminal wraps it."""
+    console = Console()
+    console.print(Text(text), soft_wrap=not console.is_terminal)
+
+
+def note(text: str, style: str = "") -> None:
+    """Print something about the run, such as a file that was written, to stderr, in one line."""
+    Console(stderr=True).print(Text(text, style=style), soft_wrap=True)
+
+
+def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progress:
+    """A progress bar on stderr, drawn only where that is a terminal.
+
+    Args:
+        unit: what is counted, such as ``episodes``; may use a task's fields, as in ``"steps, {task.fields[rate]}/s"``.
+        transient: whether it disappears at the end.
+        more: of the same form, at the end of the line.
+    """
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn(more),
+    )
+    return Progress(*columns, console=console, transient=transient, disable=not console.is_terminal)
