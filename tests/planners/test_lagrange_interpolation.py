@@ -23,7 +23,6 @@ from planners.lagrange.newton import Task, index, look_at, newton_model
 from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
-from tools.lagrange_equations import derive
 
 VERTICAL = replace(PLANAR_3R, gravity=9.81)
 
@@ -209,10 +208,3 @@ def test_banded_systems_are_solved(size: int, band: int, seed: int) -> None:
     np.testing.assert_allclose(matrix @ solution, rhs, atol=1e-10)
     rows[:, -1] -= 2.0 * np.linalg.eigvalsh(matrix)[-1]
     assert not factorise(rows)
-
-
-@pytest.mark.parametrize("arm", [SCARA_1M, replace(SCARA_1M, gravity=9.81)], ids=["horizontal", "vertical"])
-def test_equations_derived_from_the_energies_are_the_arms(arm: Arm) -> None:
-    q, qd, qdd = np.random.default_rng(2).normal(size=(3, 20, 2))
-    tau = np.stack(derive(arm).torque(q.T, qd.T, qdd.T), axis=1)
-    np.testing.assert_allclose(tau, arm.inverse_dynamics(q, qd, qdd), atol=1e-12)
