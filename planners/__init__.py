@@ -16,8 +16,9 @@ from planners.problem import (
     Obstacle,
     Trajectory,
 )
-from planners.robot.arm import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, JointLimits
+from planners.robot.arm import Arm, JointLimits
 from planners.robot.kinematics import UnreachableTarget
+from planners.robot.presets import PLANAR_3R, SCARA_1M, SCARA_50CM
 
 __all__ = [
     "PLANAR_3R",

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from planners.problem import FixedJoints, MotionProblem
-from planners.robot.arm import PLANAR_3R, Arm
+from planners.robot.arm import Arm
+from planners.robot.presets import PLANAR_3R
 from planners.typing import Array
 
 LEAST_SHARE, MOST_SHARE = 0.3, 0.9

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Literal
 
 import numpy as np
 from numba import njit
 
 from envs.physics.world import Records, advance
-from planners.control import held_torque_single, share_within
-from planners.control.joint_limits import smooth_bounds
+from planners.control import held_torque_single
+from planners.control.joint_limits import (
+    TORQUE_SHARE,
+    VELOCITY_SHARE,
+    project_off_limit,
+    scale_into_torque,
+    smooth_bounds,
+    stoppable_velocities,
+    worst_excess,
+)
 from planners.robot.arm import Arm
 from planners.robot.dynamics import mass_matrix_single
 from planners.typing import Array
@@ -20,9 +27,6 @@ CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk", "vel
 LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 _TORQUE, _ACCELERATION, _JERK = 0, 1, 2  # positions in CONTROL_MODES
 _PROJECTIONS = 60
-_TORQUE_SLACK = 1e-5  # share of a torque limit that is left to saturation
-_VELOCITY_SHARE, _TORQUE_SHARE = 0.998, 0.98  # used in velocity mode: what is held for a period is not quite kept in it
-_RANGE_MARGIN = 0.01  # how far from the end of its range a joint stops in velocity mode, rad
 
 
 def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
@@ -139,20 +143,10 @@ def command_smoothly(env: Any, model: Any, share: Array) -> None:
     mass_matrix_single(model.coupling, env.q, mass)
     for _ in range(_PROJECTIONS):
         held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
-        worst, excess = 0, 0.0
-        for i in range(n):
-            allowed = min(model.limits[0, i], max(-model.limits[0, i], env.tau[i]))
-            if abs(env.tau[i] - allowed) > abs(excess):
-                worst, excess = i, env.tau[i] - allowed
-        if abs(excess) <= _TORQUE_SLACK * model.limits[0, worst]:
+        worst, excess = worst_excess(env.tau, model.limits[0])
+        if excess == 0.0:
             return
-        row = mass[worst]
-        scale = 0.0
-        for i in range(n):
-            scale += row[i] * row[i]
-        for i in range(n):
-            moved = env.commanded_qdd[i] - row[i] * excess / scale
-            env.commanded_qdd[i] = min(upper[i], max(lower[i], moved))
+        project_off_limit(mass[worst], excess, lower, upper, env.commanded_qdd)
 
 
 @njit(cache=True, nogil=True)
@@ -165,33 +159,22 @@ def command_velocity(env: Any, model: Any, share: Array) -> None:
     n = env.q.shape[0]
     period = model.control_period
     for i in range(n):
-        speed, top, hardest = env.qd[i], _VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
-        end = model.limits[4, i] - _RANGE_MARGIN
-        fastest = _braked_in_time(end - env.q[i], speed, 0.5 * hardest, period)
-        slowest = -_braked_in_time(end + env.q[i], -speed, 0.5 * hardest, period)
+        speed, top, hardest = env.qd[i], VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
+        slowest, fastest = stoppable_velocities(env.q[i], speed, model.limits[4, i], 0.5 * hardest, period)
         wanted = min(fastest, max(slowest, share[i] * top))
         env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
-    still = np.empty(n)
-    held_torque_single(model.coupling, model.weight, env.q, env.qd, np.zeros(n), period, still)
-    held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
-    fitting = 1.0
-    for i in range(n):
-        fitting = min(fitting, share_within(still[i], env.tau[i], _TORQUE_SHARE * model.limits[0, i]))
-    if fitting < 1.0:
-        for i in range(n):
-            env.commanded_qdd[i] *= fitting
-        held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
-
-
-@njit(cache=True, nogil=True)
-def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
-    """The velocity at the end of a period, begun with velocity v, from which a joint can just be braked in its room.
-
-    ``(v + w) T / 2 + w^2 / (2 a) = room``, solved for w.
-    """
-    left = room - 0.5 * v * period
-    half = 0.5 * a * period
-    return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
+    scale_into_torque(
+        model.coupling,
+        model.weight,
+        env.q,
+        env.qd,
+        period,
+        model.limits[0],
+        TORQUE_SHARE,
+        1,
+        env.commanded_qdd,
+        env.tau,
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from planners.control import held_torque_single, share_within
+from planners.control.joint_limits import scale_into_torque
 from planners.robot.arm import Arm
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
@@ -100,6 +100,7 @@ def _reach(
     period: float,
     out: Array,
 ) -> None:
+    tau = np.empty(q.shape[1])
     for row in range(q.shape[0]):
         left = periods[row] * period
         braking = _braking_time(coupling, weight, torque, q[row], goal[row], left)
@@ -110,7 +111,7 @@ def _reach(
                 out[row, i] = least_acceleration(error, qd[row, i], periods[row], period)
             else:
                 out[row, i] = (error / (left - braking / 3.0) - qd[row, i]) / period
-        _fit_torque(coupling, weight, torque, q[row], qd[row], period, out[row])
+        scale_into_torque(coupling, weight, q[row], qd[row], period, torque, TORQUE_SHARE, _PASSES, out[row], tau)
 
 
 @njit(cache=True, nogil=True)
@@ -130,23 +131,3 @@ def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal:
         least = max(least, abs(inertial[i] - held[i]) / room)
     square = left * left - 8.0 / 3.0 * least
     return 1.5 * (left - math.sqrt(square)) if square >= 0.0 else math.inf
-
-
-@njit(cache=True, nogil=True)
-def _fit_torque(coupling: Array, weight: Array, torque: Array, q: Array, qd: Array, period: float, qdd: Array) -> None:
-    """Scale accelerations down until the torques held for a period fit; to zero where not even zero does.
-
-    In the state half a period ahead, centrifugal torques are quadratic in the accelerations: hence several passes.
-    """
-    n = q.shape[0]
-    still, wanted = np.empty(n), np.empty(n)
-    held_torque_single(coupling, weight, q, qd, np.zeros(n), period, still)
-    for _ in range(_PASSES):
-        held_torque_single(coupling, weight, q, qd, qdd, period, wanted)
-        share = 1.0
-        for i in range(n):
-            share = min(share, share_within(still[i], wanted[i], TORQUE_SHARE * torque[i]))
-        if share == 1.0:
-            return
-        for i in range(n):
-            qdd[i] *= share

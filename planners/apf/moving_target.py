@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from planners.apf.attraction import attraction, linear_field
-from planners.control.joint_limits import smooth_bounds
+from planners.control.joint_limits import project_off_limit, smooth_bounds, worst_excess
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
 from planners.robot.kinematics import two_link_branch
@@ -270,19 +270,14 @@ def _narrowed(lowest: float, highest: float, offset: float, slope: float, low: f
 @njit(cache=True, nogil=True)
 def _fit_torque(response: _Response, torque: Array, lower: Array, upper: Array, qdd: Array) -> None:
     """Move accelerations towards the torque limits, and back into their bounds, by projections in turn."""
+    tau = np.empty(2)
     for _ in range(_PROJECTIONS):
-        worst, excess = 0, 0.0
         for i in range(2):
-            tau = response.bias[i] + response.mass[i, 0] * qdd[0] + response.mass[i, 1] * qdd[1]
-            over = tau - min(torque[i], max(-torque[i], tau))
-            if abs(over) > abs(excess):
-                worst, excess = i, over
-        if abs(excess) <= 1e-5 * torque[worst]:
+            tau[i] = response.bias[i] + response.mass[i, 0] * qdd[0] + response.mass[i, 1] * qdd[1]
+        worst, excess = worst_excess(tau, torque)
+        if excess == 0.0:
             return
-        row = response.mass[worst]
-        step = excess / (row[0] * row[0] + row[1] * row[1])
-        for i in range(2):
-            qdd[i] = min(upper[i], max(lower[i], qdd[i] - row[i] * step))
+        project_off_limit(response.mass[worst], excess, lower, upper, qdd)
 
 
 @njit(cache=True, nogil=True)

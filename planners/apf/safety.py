@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.apf.whole_arm import gap, held_torques, joint_attraction, time_to
-from planners.control import share_within
+from planners.control.joint_limits import TORQUE_SHARE, VELOCITY_SHARE, share_within, stoppable_velocities
 from planners.typing import Array
 
 STEP = 0.05
@@ -29,13 +29,6 @@ GLANCE = 6
 
 TOUCHING = 0.004
 """Predicted clearance that counts as a collision, m."""
-
-TORQUE_SHARE, TOP_SHARE = 0.98, 0.998
-"""Shares of the limits of torque and velocity that are used: at constant acceleration the torque varies in a period."""
-
-RANGE_MARGIN = 0.01
-"""How far from the ends of its range a joint stops, rad."""
-
 
 SIGHT = [("travel", "f8"), ("settling", "f8"), ("margin", "f8"), ("closeness", "f8"), ("collision", "f8")]
 """The instants ahead that are looked at, `STEP` apart: for how long a disc moves between this instant and the last one,
@@ -133,7 +126,7 @@ def look_ahead(scene: Scene, proposal: Proposal, enough: float) -> Outlook:
     """Follow a proposal into the future; given up when it costs more than ``enough``, s."""
     body, gains, state, sight, places, radii = scene
     l1, l2 = body.lengths[0], body.lengths[1]
-    top1, top2 = TOP_SHARE * body.top[0], TOP_SHARE * body.top[1]
+    top1, top2 = VELOCITY_SHARE * body.top[0], VELOCITY_SHARE * body.top[1]
     q1, q2, v1, v2 = state.q[0], state.q[1], state.qd[0], state.qd[1]
     c1, s1, c2, s2 = state.directions[0, 0], state.directions[0, 1], state.directions[1, 0], state.directions[1, 1]
     goal_x, goal_y, held = state.goal[0], state.goal[1], state.held
@@ -230,24 +223,12 @@ def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> No
     Torques are brought within their limits by scaling both accelerations.
     """
     for i in range(2):
-        hardest, end = body.hardest[i], body.ranges[i] - RANGE_MARGIN
-        top = TOP_SHARE * body.top[i]
-        fastest = min(top, _braked_in_time(end - q[i], qd[i], 0.5 * hardest, period))
-        slowest = -min(top, _braked_in_time(end + q[i], -qd[i], 0.5 * hardest, period))
+        hardest, top = body.hardest[i], VELOCITY_SHARE * body.top[i]
+        slowest, fastest = stoppable_velocities(q[i], qd[i], body.ranges[i], 0.5 * hardest, period)
+        slowest, fastest = max(-top, slowest), min(top, fastest)
         qdd[i] = min((fastest - qd[i]) / period, max((slowest - qd[i]) / period, qdd[i]))
         qdd[i] = min(hardest, max(-hardest, qdd[i]))
     _keep_torque(body, q, qd, period, qdd)
-
-
-@njit(cache=True, nogil=True)
-def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
-    """The velocity at the end of a period, begun with velocity v, from which a joint can just be braked in its room.
-
-    ``(v + w) T / 2 + w^2 / (2 a) = room``, solved for w.
-    """
-    left = room - 0.5 * v * period
-    half = 0.5 * a * period
-    return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
 
 
 @njit(cache=True, nogil=True)

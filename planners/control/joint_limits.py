@@ -1,10 +1,29 @@
-"""What a joint's velocity, acceleration and jerk limits leave for its acceleration in the next control period."""
+"""Accelerations for the next control period that keep the limits of every joint.
+
+`smooth_bounds` are bounds from velocity, acceleration and jerk limits, `stoppable_velocities` bounds from the joint's
+range. `within_torque` and `scale_into_torque` scale an acceleration into the torque limits; `worst_excess` and
+`project_off_limit` are one step of its projection onto them.
+"""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+
+from planners.control.tracking import held_torque, held_torque_single
+from planners.robot.arm import Arm
+from planners.typing import Array
+
+TORQUE_SHARE, VELOCITY_SHARE = 0.98, 0.998
+"""Shares of the torque and velocity limits that are used: at a constant acceleration the torque varies in a period."""
+
+RANGE_MARGIN = 0.01
+"""Distance from the ends of its range at which a joint stops, rad."""
+
+TORQUE_SLACK = 1e-5
+"""Share of a torque limit by which a projection may exceed it."""
 
 
 @njit(cache=True, nogil=True)
@@ -43,3 +62,139 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
     if speed_left <= step * period:
         return speed_left / period
     return math.sqrt(2.0 * jerk_limit * speed_left) - 0.5 * step
+
+
+@njit(cache=True, nogil=True)
+def stoppable_velocities(q: float, qd: float, end: float, braking: float, period: float) -> tuple[float, float]:
+    """Velocities of one joint at the end of a period from which it can still stop within its range.
+
+    Args:
+        q, qd: angle and velocity at the start of the period, rad and rad/s.
+        end: largest absolute angle, rad; the joint stops `RANGE_MARGIN` before it.
+        braking: deceleration, rad/s^2.
+        period: control period, s.
+
+    Returns:
+        Lowest and highest, rad/s.
+    """
+    end = end - RANGE_MARGIN
+    return -_braked_in_time(end + q, -qd, braking, period), _braked_in_time(end - q, qd, braking, period)
+
+
+@njit(cache=True, nogil=True)
+def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
+    """The largest velocity w at the end of a period, begun with velocity v, from which a joint stops within its room.
+
+    It solves ``(v + w) T / 2 + w^2 / (2 a) = room``.
+    """
+    left = room - 0.5 * v * period
+    half = 0.5 * a * period
+    return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
+
+
+@njit(cache=True, nogil=True)
+def share_within(still: float, wanted: float, limit: float) -> float:
+    """Largest share of an acceleration whose torque keeps the limit of one joint; 0 where even zero exceeds it.
+
+    Args:
+        still, wanted: torques of the joint with zero and with the full acceleration, N m.
+        limit: largest absolute torque, N m.
+    """
+    if abs(wanted) <= limit:
+        return 1.0
+    limit = math.copysign(limit, wanted)
+    return max(0.0, (limit - still) / (wanted - still)) if wanted != still else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _share_of_all(still: Array, wanted: Array, limit: Array, used: float) -> float:
+    """`share_within` of all joints, ``(n,)`` each, for a share ``used`` of their limits; at most 1."""
+    share = 1.0
+    for i in range(still.shape[0]):
+        share = min(share, share_within(still[i], wanted[i], used * limit[i]))
+    return share
+
+
+def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
+    """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
+
+    Args:
+        arm: the arm as the controller knows it.
+        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(batch, n)``.
+        period: control period, s.
+
+    Returns:
+        ``(batch, n)``, rad/s^2; zero in a row where even zero acceleration exceeds a limit.
+    """
+    limit = np.array(arm.limits.torque)
+    still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
+    shares = [_share_of_all(*torques, limit, 1.0) for torques in zip(still, wanted, strict=True)]
+    fitting: Array = qdd * np.array(shares)[:, None]
+    return fitting
+
+
+@njit(cache=True, nogil=True)
+def scale_into_torque(
+    coupling: Array,
+    weight: Array,
+    q: Array,
+    qd: Array,
+    period: float,
+    limit: Array,
+    used: float,
+    passes: int,
+    qdd: Array,
+    tau: Array,
+) -> None:
+    """Scale one row of accelerations down until the torques held for a period fit; to zero where zero exceeds a limit.
+
+    In the state half a period ahead, centrifugal torques are quadratic in the accelerations: hence several passes.
+
+    Args:
+        coupling, weight: see :mod:`planners.robot.dynamics`.
+        q, qd: joint angles and velocities, ``(n,)``.
+        period: control period, s.
+        limit: largest absolute torques, ``(n,)``, N m.
+        used: share of the limits that is used.
+        passes: how many times to scale at most.
+        qdd: wanted mean accelerations, ``(n,)``, rad/s^2; scaled in place.
+        tau: filled with the torques of the scaled accelerations, ``(n,)``, N m.
+    """
+    still = np.empty(q.shape[0])
+    held_torque_single(coupling, weight, q, qd, np.zeros(q.shape[0]), period, still)
+    for _ in range(passes):
+        held_torque_single(coupling, weight, q, qd, qdd, period, tau)
+        share = _share_of_all(still, tau, limit, used)
+        if share == 1.0:
+            return
+        for i in range(q.shape[0]):
+            qdd[i] *= share
+    held_torque_single(coupling, weight, q, qd, qdd, period, tau)
+
+
+@njit(cache=True, nogil=True)
+def worst_excess(tau: Array, limit: Array) -> tuple[int, float]:
+    """The joint whose torque is furthest beyond its limit and by how much, N m (signed); 0 within `TORQUE_SLACK`."""
+    worst, excess = 0, 0.0
+    for i in range(tau.shape[0]):
+        beyond = tau[i] - min(limit[i], max(-limit[i], tau[i]))
+        if abs(beyond) > abs(excess):
+            worst, excess = i, beyond
+    return worst, 0.0 if abs(excess) <= TORQUE_SLACK * limit[worst] else excess
+
+
+@njit(cache=True, nogil=True)
+def project_off_limit(row: Array, excess: float, lower: Array, upper: Array, qdd: Array) -> None:
+    """Move accelerations by the least change that takes an excess of torque off one joint, and back into bounds.
+
+    Args:
+        row: of the mass matrix, that joint's, ``(n,)``, kg m^2.
+        excess: of its torque, N m.
+        lower, upper: bounds of the accelerations, ``(n,)``, rad/s^2.
+        qdd: accelerations, ``(n,)``, changed in place.
+    """
+    scale = 0.0
+    for i in range(row.shape[0]):
+        scale += row[i] * row[i]
+    for i in range(row.shape[0]):
+        qdd[i] = min(upper[i], max(lower[i], qdd[i] - row[i] * excess / scale))

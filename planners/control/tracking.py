@@ -1,8 +1,7 @@
-"""From a reference motion to joint torques: computed torque, in continuous and in sampled form."""
+"""Tracking of a sampled reference: the acceleration for the next control period and the torque to hold for it."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,29 +26,9 @@ class Gains:
 
     @classmethod
     def sampled(cls, period: float) -> Gains:
-        """Critical damping, as fast as a control period (s) allows with room to spare: 8 rad/s at 20 ms."""
+        """Critically damped gains with a bandwidth of 0.16 / period (s): 8 rad/s at 20 ms."""
         bandwidth = 0.16 / period
         return cls(position=bandwidth**2, velocity=2.0 * bandwidth)
-
-
-def computed_torque(
-    arm: Arm, q: Array, qd: Array, reference: tuple[Array, Array, Array], gains: Gains | None = None
-) -> Array:
-    """Computed torque: inverse dynamics of the reference acceleration plus feedback.
-
-    Args:
-        arm: the arm as the controller knows it.
-        q, qd: measured joint angles and velocities, ``(n,)`` or ``(batch, n)``.
-        reference: wanted angles, velocities and accelerations, shaped like ``q``.
-        gains: of the feedback.
-
-    Returns:
-        Joint torques, shaped like ``q``, N m.
-    """
-    gains = gains or Gains()
-    q_wanted, qd_wanted, qdd_wanted = reference
-    qdd = qdd_wanted + gains.velocity * (qd_wanted - qd) + gains.position * (q_wanted - q)
-    return arm.inverse_dynamics(q, qd, qdd)
 
 
 def tracking_acceleration(
@@ -90,26 +69,6 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     return tau
 
 
-def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
-    """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
-
-    Args:
-        arm: the arm as the controller knows it.
-        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(batch, n)``.
-        period: control period, s.
-
-    Returns:
-        ``(batch, n)``, rad/s^2; zero in a row whose limits not even zero acceleration keeps.
-    """
-    limit = np.array(arm.limits.torque)
-    still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
-    room = np.where(wanted > still, limit - still, limit + still)
-    with np.errstate(over="ignore"):  # next to no torque fits infinitely often
-        share = np.divide(room, np.abs(wanted - still), out=np.ones_like(room), where=wanted != still)
-    fitting: Array = qdd * np.clip(share.min(axis=1, keepdims=True), 0.0, 1.0)
-    return fitting
-
-
 @njit(cache=True, nogil=True)
 def held_torque_single(
     coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array
@@ -148,17 +107,3 @@ def _mean_acceleration(
     forward_dynamics_single(coupling, weight, q + half * (qd + half * k1), qd + half * k2, tau, k3)
     forward_dynamics_single(coupling, weight, q + period * (qd + half * k2), qd + period * k3, tau, k4)
     mean[:] = (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-
-
-@njit(cache=True, nogil=True)
-def share_within(still: float, wanted: float, limit: float) -> float:
-    """How far one may go from the torque without acceleration to the wanted one; 0 where even that is too much.
-
-    Args:
-        still, wanted: torques of one joint, N m.
-        limit: of its absolute value, N m.
-    """
-    if abs(wanted) <= limit:
-        return 1.0
-    limit = math.copysign(limit, wanted)
-    return max(0.0, (limit - still) / (wanted - still)) if wanted != still else 0.0

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from planners import PLANAR_3R, SCARA_1M, Arm
-from planners.control import Gains, computed_torque, held_torque, tracking_acceleration, within_torque
+from planners.control import Gains, held_torque, tracking_acceleration, within_torque
+from planners.control.joint_limits import (
+    RANGE_MARGIN,
+    project_off_limit,
+    scale_into_torque,
+    stoppable_velocities,
+    worst_excess,
+)
 from planners.typing import Array
 
 HEAVY = replace(PLANAR_3R, gravity=9.81)
@@ -49,21 +56,6 @@ def test_held_torque_is_third_order_in_the_period() -> None:
         tau = held_torque(HEAVY, q[None], qd[None], qdd[None], period)[0]
         errors.append(np.abs((after(HEAVY, q, qd, tau, period)[1] - qd) / period - qdd).max())
     assert errors[0] / errors[1] >= 6.0
-
-
-def test_computed_torque_makes_the_error_a_damped_oscillator() -> None:
-    """From any start the error follows its own linear equation exactly: critically damped at 8 rad/s."""
-    arm, goal, gains = HEAVY, np.array([0.5, -0.3, 0.2]), Gains(64.0, 16.0)
-    still = np.zeros(3)
-
-    def rhs(_t: float, y: Array) -> Array:
-        tau = computed_torque(arm, y[:3], y[3:], (goal, still, still), gains)
-        return np.concatenate([y[3:], arm.forward_dynamics(y[:3], y[3:], tau)])
-
-    t = np.linspace(0.0, 1.0, 11)
-    y = solve_ivp(rhs, (0.0, 1.0), np.zeros(6), t_eval=t, rtol=1e-10, atol=1e-12).y
-    expected = goal[:, None] * (1.0 - (1.0 + 8.0 * t) * np.exp(-8.0 * t))
-    np.testing.assert_allclose(y[:3], expected, atol=1e-7)
 
 
 def test_tracking_acceleration_reaches_the_next_velocity() -> None:
@@ -106,3 +98,34 @@ def test_within_torque_takes_the_smallest_acceleration() -> None:
 def test_within_torque_leaves_what_fits() -> None:
     q, qd, qdd = np.array([[0.3, 0.5]]), np.zeros((1, 2)), np.array([[0.01, -0.02]])
     np.testing.assert_array_equal(within_torque(SCARA_1M, q, qd, qdd, 0.02), qdd)
+
+
+@settings(deadline=None)
+@given(values=st.tuples(*4 * [st.floats(-1.0, 1.0)]))
+def test_a_stoppable_velocity_lets_the_joint_stop_in_its_range(values: tuple[float, ...]) -> None:
+    q, qd, end, braking, period = 2.0 * values[0], 3.0 * values[1], 2.5, 9.0 + 4.0 * values[2], 0.02
+    for direction, v in zip((-1.0, 1.0), stoppable_velocities(q, qd, end, braking, period), strict=True):
+        stop = q + 0.5 * (qd + v) * period + 0.5 * v * abs(v) / braking
+        assert direction * stop == pytest.approx(end - RANGE_MARGIN) or direction * v <= 0.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(values=states)
+def test_scaled_accelerations_keep_the_torque_limits(values: list[float]) -> None:
+    q, qd, qdd = np.array(values).reshape(3, 3) * [[1.0], [0.5], [20.0]]
+    arm, tau, scaled = PLANAR_3R, np.empty(3), qdd.copy()
+    limit = np.array(arm.limits.torque)
+    scale_into_torque(*arm.chain_constants, q, qd, 0.005, limit, 0.98, 8, scaled, tau)
+    assert np.all(np.abs(tau) <= limit)
+    assert np.linalg.matrix_rank(np.stack([scaled, qdd]), tol=1e-9) <= 1
+    assert np.dot(scaled, qdd) >= 0.0
+
+
+def test_projection_takes_the_excess_off_one_joint() -> None:
+    mass, qdd = PLANAR_3R.mass_matrix([0.3, 1.0, -0.4]), np.array([30.0, -10.0, 20.0])
+    limit, free = 0.9 * np.abs(mass @ qdd), np.full(3, np.inf)
+    joint, excess = worst_excess(mass @ qdd, limit)
+    assert excess == pytest.approx((mass @ qdd)[joint] * 0.1)
+    project_off_limit(mass[joint], excess, -free, free, qdd)
+    assert abs(mass[joint] @ qdd) == pytest.approx(limit[joint])
+    assert worst_excess(mass @ qdd, np.abs(mass @ qdd))[1] == 0.0
