@@ -20,7 +20,8 @@ import numpy as np
 
 from envs.min_torque_move.moves import random_moves
 from planners.problem import FixedJoints, MotionProblem
-from planners.robot.presets import PLANAR_3R, Arm
+from planners.robot.arm import Arm
+from planners.robot.presets import PLANAR_3R
 from planners.typing import Array
 
 FILE = Path(__file__).parent / "data" / "best_known_torque.json"
