@@ -1,27 +1,25 @@
 """Gymnasium environments for planar robot arms: importing this registers their ids.
 
 Without the import, name the module in the id: ``gym.make("envs:ConveyorTrack-v0")``.
+`register` adds a task of your own.
 """
 
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
+from envs.card import env_ids, register, task_card
 
 if TYPE_CHECKING:
     from envs.experts import make_expert
 
-__all__ = ["make_expert"]
+__all__ = ["env_ids", "make_expert", "register", "task_card"]
 
-_TASKS = {
-    "ConveyorTrack-v0": "envs.conveyor_track.env:ConveyorTrack",
-    "MinTorqueMove-v0": "envs.min_torque_move.env:MinTorqueMove",
-    "ObstacleDodge-v0": "envs.obstacle_dodge.env:ObstacleDodge",
-    "ExcavatorPayload-v0": "envs.excavator_payload.env:ExcavatorPayload",
-}
-
-for _env_id, _name in _TASKS.items():
-    if _env_id not in gym.registry:
-        gym.register(_env_id, entry_point=f"{_name}Env", vector_entry_point=f"{_name}VectorEnv")
+for _folder, _name in {
+    "conveyor_track": "ConveyorTrack",
+    "min_torque_move": "MinTorqueMove",
+    "obstacle_dodge": "ObstacleDodge",
+    "excavator_payload": "ExcavatorPayload",
+}.items():
+    register(f"{_name}-v0", f"envs.{_folder}.env:{_name}", f"envs.{_folder}.card:CARD")
 
 
 def __getattr__(name: str) -> Any:

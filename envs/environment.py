@@ -31,16 +31,17 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
 
     Args:
         render_mode: ``"human"``, ``"rgb_array"`` or None.
+        task_type: the `Task` class, where the environment's class names none.
         config: fields of the task's configuration.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
     task_type: ClassVar[type[Any]]
 
-    def __init__(self, render_mode: str | None = None, **config: Any) -> None:
-        EzPickle.__init__(self, render_mode, **config)
+    def __init__(self, render_mode: str | None = None, *, task_type: type[Any] | None = None, **config: Any) -> None:
+        EzPickle.__init__(self, render_mode, task_type=task_type, **config)
         _check_render_mode(render_mode)
-        self.task: Task = self.task_type.make(config, 1)
+        self.task: Task = (task_type or self.task_type).make(config, 1)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
@@ -116,6 +117,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         num_envs: number of environments.
         render_mode: ``"rgb_array"`` or None.
         max_episode_steps: end every episode after so many steps, if that is earlier than the task's horizon.
+        task_type: the `Task` class, where the environment's class names none.
         config: fields of the task's configuration.
     """
 
@@ -131,14 +133,16 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         num_envs: int = 1,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
+        *,
+        task_type: type[Any] | None = None,
         **config: Any,
     ) -> None:
-        EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, **config)
+        EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
         if num_envs < 1:
             raise ValueError(f"num_envs {num_envs} must be at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f'render_mode "{render_mode}": a vector environment renders "rgb_array" only')
-        self.task: Task = self.task_type.make(config, num_envs)
+        self.task: Task = (task_type or self.task_type).make(config, num_envs)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.num_envs = num_envs
         self.render_mode = render_mode

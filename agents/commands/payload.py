@@ -21,7 +21,7 @@ from agents.evaluation.evaluate import Evaluation, evaluate, known_env_ids
 from agents.evaluation.leaderboard import METRICS, shown_number
 from agents.files import write_json
 from agents.provenance import machine, versions
-from envs.experts import ADAPTIVE, EXPERTS
+from envs.experts import ADAPTIVE, expert_names
 from envs.settings import refuse_unknown
 
 WITHIN = 1.05
@@ -114,7 +114,7 @@ def print_table(console: Console, options: PayloadOptions, rows: list[Row]) -> N
 def _check(options: PayloadOptions) -> None:
     """Make everything once, so that what is wrong is said before the first episode."""
     refuse_unknown([options.env], known_env_ids(), "environment")
-    refuse_unknown(options.policies, EXPERTS, "expert")
+    refuse_unknown(options.policies, expert_names(options.env), "expert")
     if options.episodes < 1:
         raise ValueError(f"episodes {options.episodes} must be at least 1")
     if not options.masses or not options.policies:

@@ -12,7 +12,7 @@ from typing import Any
 
 from agents.evaluation.evaluate import Policy, PolicyMaker
 from agents.policies.agent import Agent, load_agent, shipped_agents
-from envs.experts import EXPERTS, is_expert
+from envs.experts import expert_names, is_expert
 from envs.settings import refuse_unknown
 
 SHIPPED = "agent"
@@ -78,7 +78,9 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
         return _of_agent(SHIPPED, load_agent(env_id), env_id)
     if not (source.endswith(".safetensors") or Path(source).is_dir()):
-        refuse_unknown([source], [*EXPERTS, SHIPPED], "policy (or the path of a run, a .safetensors or a .zip)")
+        refuse_unknown(
+            [source], [*expert_names(env_id), SHIPPED], "policy (or the path of a run, a .safetensors or a .zip)"
+        )
     return _of_agent(Path(source).resolve().stem, load_agent(source), env_id)
 
 

@@ -8,38 +8,26 @@ one an expert goes on from its own last call.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
 
-from envs.conveyor_track.planning import meet_on_line
-from envs.excavator_payload.controllers import PayloadExpert
-from envs.excavator_payload.env import ExcavatorPayload
-from envs.excavator_payload.waypoint_experts import FieldWayExpert, PlannedWayExpert, unhurried
+from envs.card import env_ids, task_card
 from envs.experts.base import Expert
 from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
 from envs.experts.potential_field import DodgingExpert, JointFieldExpert, MovingTargetExpert
 from envs.experts.random_policy import RandomExpert
-from envs.min_torque_move.env import MinTorqueMove
-from envs.obstacle_dodge.env import ObstacleDodge
-from envs.obstacle_dodge.planning import REPLAN_EVERY, pass_via_nodes, time_along_line
 from envs.settings import refuse_unknown
 from envs.task import Task
-from planners import dpct, lagrange, quintic, trapezoid
 
 __all__ = [
     "ADAPTIVE",
-    "EXPERTS",
     "DodgingExpert",
     "Expert",
-    "FieldWayExpert",
     "FollowerExpert",
     "JointFieldExpert",
     "MovingTargetExpert",
-    "PayloadExpert",
-    "PlannedWayExpert",
     "PlanningExpert",
     "RandomExpert",
     "expert_names",
@@ -47,83 +35,23 @@ __all__ = [
     "make_expert",
 ]
 
-
-def _dpct(task: Task) -> Expert:
-    if isinstance(task, ObstacleDodge):
-        return PlanningExpert(task, time_along_line, REPLAN_EVERY)
-    if isinstance(task, ExcavatorPayload):
-        return PlannedWayExpert(task, partial(dpct.plan, variant="torque"))
-    if isinstance(task, MinTorqueMove):
-        return PlanningExpert(task, partial(dpct.plan, variant="torque"))
-    return PlanningExpert(task, meet_on_line)
+ADAPTIVE = "+adaptive"
+"""Suffix of the name of an expert that estimates the payload and adapts to it: ``"dpct+adaptive"``."""
 
 
-def _lagrange(task: Task) -> Expert:
-    if isinstance(task, ObstacleDodge):
-        return PlanningExpert(task, pass_via_nodes, REPLAN_EVERY)
-    if isinstance(task, ExcavatorPayload):
-        return PlannedWayExpert(task, unhurried)
-    return PlanningExpert(task, lagrange.plan)
-
-
-def _apf(task: Task) -> Expert:
-    if isinstance(task, ObstacleDodge):
-        return DodgingExpert(task)
-    if isinstance(task, ExcavatorPayload):
-        return FieldWayExpert(task)
-    return JointFieldExpert(task) if isinstance(task, MinTorqueMove) else MovingTargetExpert(task)
-
-
-def _follower(task: Task) -> Expert:
-    """Without planning: straight to the goal, by a quintic in joint space where the time for it is given."""
-    if isinstance(task, ObstacleDodge):
-        return PlanningExpert(task, trapezoid.plan)
-    if isinstance(task, ExcavatorPayload):
-        return PlannedWayExpert(task, quintic.plan)
-    return PlanningExpert(task, quintic.plan) if isinstance(task, MinTorqueMove) else FollowerExpert(task)
-
-
-def _controlled(name: str, task: Task) -> Expert:
-    """A controller on the reference that the environment gives."""
-    if not isinstance(task, ExcavatorPayload):
-        raise ValueError(
-            f'expert "{name}" tracks the reference of {ExcavatorPayload.env_id}; {task.env_id} gives none: '
-            f"choose one of {', '.join(expert_names(task.env_id))}"
-        )
-    return _CONTROLLED[name](task)
-
-
-_CONTROLLED: dict[str, Callable[[ExcavatorPayload], Expert]] = {
-    "adaptive": PayloadExpert,
-    "adaptive_computed_torque": partial(PayloadExpert, controller="adaptive-computed-torque", moments=False),
-    "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),
-    "computed_torque": partial(PayloadExpert, controller="computed-torque"),
-}
-"""Experts that are a controller and no more."""
-
-EXPERTS: dict[str, Callable[[Task], Expert]] = {
-    "dpct": _dpct,
-    "lagrange": _lagrange,
-    "apf": _apf,
-    "follower": _follower,
-    "random": RandomExpert,
-    **{name: partial(_controlled, name) for name in _CONTROLLED},
-}
-"""How each expert is made from a task."""
+def _experts(env_id: str) -> dict[str, Callable[[Any], Expert]]:
+    """How each expert is made from a task: those of its card, and the random one."""
+    return {**task_card(env_id).experts, "random": RandomExpert}
 
 
 def expert_names(env_id: str) -> list[str]:
     """Names of the experts that can act in an environment."""
-    return [name for name in EXPERTS if name not in _CONTROLLED or env_id == ExcavatorPayload.env_id]
-
-
-ADAPTIVE = "+adaptive"
-"""What follows the name of an expert that estimates the payload and adapts to it: ``"dpct+adaptive"``."""
+    return list(_experts(env_id))
 
 
 def is_expert(name: str) -> bool:
-    """Whether an expert has this name, with `ADAPTIVE` or without."""
-    return name.removesuffix(ADAPTIVE) in EXPERTS
+    """Whether an expert of any registered task has this name, with `ADAPTIVE` or without."""
+    return any(name.removesuffix(ADAPTIVE) in _experts(env_id) for env_id in env_ids())
 
 
 def make_expert(
@@ -132,18 +60,18 @@ def make_expert(
     """A scripted expert for an environment.
 
     Args:
-        name: one of `EXPERTS`; ``"dpct+adaptive"`` is ``"dpct"`` that is adaptive.
+        name: one of `expert_names`; ``"dpct+adaptive"`` is ``"dpct"`` that is adaptive.
         env: the environment, single or vector, wrapped or not.
         adaptive: estimate the payload on the hand, and adapt to it; see `Expert.adapt`.
 
     Raises:
-        ValueError: if there is no such expert, the environment is not one of planarm's, or nothing tells an adaptive
-            expert what its torques have done.
+        ValueError: if the task has no such expert, the environment is no task of planarm's kind, or the observations
+            do not show an adaptive expert the effect of its torques.
     """
-    plain = name.removesuffix(ADAPTIVE)
-    refuse_unknown([plain], EXPERTS, "expert")
     task = getattr(env.unwrapped, "task", None)
     if not isinstance(task, Task):
         raise ValueError(f"{env} is not one of planarm's environments; experts need one, such as ConveyorTrack-v0")
-    expert = EXPERTS[plain](task)
+    experts, plain = _experts(task.env_id), name.removesuffix(ADAPTIVE)
+    refuse_unknown([plain], experts, f"{task.env_id} expert")
+    expert = experts[plain](task)
     return expert.adapt() if adaptive or plain != name else expert

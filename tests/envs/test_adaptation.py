@@ -11,7 +11,7 @@ import pytest
 
 import envs
 from agents.evaluation.evaluate import Evaluation, evaluate
-from envs.experts import ADAPTIVE, EXPERTS, is_expert
+from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.experts.payload_estimation import Knowledge
 
 TASKS = ("ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0")
@@ -162,7 +162,7 @@ def test_actions_that_are_no_torques_are_refused(env_id: str, mode: str) -> None
 
 
 def test_names() -> None:
-    assert all(is_expert(name) and is_expert(name + ADAPTIVE) for name in EXPERTS)
+    assert all(is_expert(name) and is_expert(name + ADAPTIVE) for name in expert_names(TASKS[0]))
     assert not is_expert("agent+adaptive")
     env = gym.make(TASKS[0])
     assert envs.make_expert("apf", env).mass_estimate is None

@@ -14,20 +14,8 @@ from gymnasium.utils.env_match import check_environments_match
 
 import envs
 from envs.experts import expert_names
-from envs.physics.actuation import CONTROL_MODES
 
-MODES: dict[str, tuple[str, ...]] = {
-    "ConveyorTrack-v0": CONTROL_MODES,
-    "MinTorqueMove-v0": ("torque",),
-    "ObstacleDodge-v0": ("torque", "acceleration", "velocity"),
-    "ExcavatorPayload-v0": ("torque", "residual"),
-}
-CONSTANT_ENTRIES = {
-    "ConveyorTrack-v0": {"part_acceleration", "settled"},  # the belt's, 0 unless configured; 0 until the part is met
-    "MinTorqueMove-v0": {"torque_limit"},  # the arm's
-    "ObstacleDodge-v0": {"obstacle_radius", "held"},  # the same unless chosen; 0 until the goal is reached
-    "ExcavatorPayload-v0": set(),
-}
+MODES = {env_id: envs.task_card(env_id).control_modes for env_id in envs.env_ids()}
 
 every_env = pytest.mark.parametrize("env_id", MODES)
 every_mode = pytest.mark.parametrize(
@@ -121,7 +109,7 @@ def test_every_element_varies(env_id: str) -> None:
     varies = np.ptp(np.array(seen), axis=0) > 0.0
     layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
     for entry, place in layout.slices():
-        if entry.name not in CONSTANT_ENTRIES[env_id]:
+        if entry.name not in envs.task_card(env_id).constant_entries:
             assert varies[place].any(), entry.name
 
 
@@ -266,5 +254,5 @@ def test_a_bad_setting_is_refused(env_id: str, setting: str, value: object, comp
 def test_experts_refuse_other_environments(env_id: str) -> None:
     with pytest.raises(ValueError, match="not one of planarm's"):
         envs.make_expert("follower", gym.make("CartPole-v1"))
-    with pytest.raises(ValueError, match='unknown expert "dcpt"; did you mean "dpct"'):
+    with pytest.raises(ValueError, match=f'unknown {env_id} expert "dcpt"; did you mean "dpct"'):
         envs.make_expert("dcpt", gym.make(env_id))

@@ -1,0 +1,163 @@
+"""The card of a task: all that experts, evaluation, training and figures need to know of it, declared once.
+
+`register` adds a task and its card under a Gymnasium id; the tasks that come with planarm go through it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+
+if TYPE_CHECKING:
+    from envs.experts.base import Expert
+    from envs.task import Task
+    from planners.typing import Array
+
+Info = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number that ``info`` holds at the end of an episode, with its own column in tables.
+
+    Boolean metrics are shown as a share with its interval, the others as a median.
+
+    Attributes:
+        key: in ``info``.
+        title: of the column, with its unit.
+        factor: from SI to that unit.
+        primary: whether the task's episodes are compared by it; one metric a task.
+        lower_is_better: the direction.
+    """
+
+    key: str
+    title: str
+    factor: float = 1.0
+    primary: bool = False
+    lower_is_better: bool = True
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The best known value of one metric.
+
+    Attributes:
+        metric: its key.
+        meaning: what the value is, for captions.
+        optimum: the best known value for a seed, from a vector environment, the index of the environment in it that
+            is at the start of that seed's episode, and the seed; `planners.Infeasible` where none is known.
+    """
+
+    metric: str
+    meaning: str
+    optimum: Callable[[Any, int, int], float]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What figures show of an episode, read from an environment's record in `Task.batch`.
+
+    Attributes:
+        title: of the curve over time, with its unit.
+        measure: the curve's value, from the record.
+        outcome: the result of an episode in words, from its last info and its duration (s).
+        target: where the hand should be, ``(2,)``, m, from the task and the record.
+        discs: fields of the record with the centres ``(discs, 2)`` and radii ``(discs,)`` of the obstacles, m.
+        arrival: key of the time at which a success was reached, s; None for the end of the episode.
+        logarithmic: whether the measure spans decades.
+        tolerance: setting that holds the largest measure that counts as success, m.
+        rate: whether the curve is the derivative of the measure.
+        belt: whether the target rides on a belt.
+    """
+
+    title: str
+    measure: Callable[[Any], float]
+    outcome: Callable[[Info, float], str]
+    target: Callable[[Any, Any], Array]
+    discs: tuple[str, str] | None = None
+    arrival: str | None = None
+    logarithmic: bool = False
+    tolerance: str | None = None
+    rate: bool = False
+    belt: bool = False
+
+
+@dataclass(frozen=True)
+class TaskCard:
+    """What other packages need to know of a task.
+
+    Attributes:
+        metrics: columns of its tables, in order.
+        experts: how each scripted expert is made from the task, by name; "random" is there for every task.
+        control_modes: in which the experts act; the default first.
+        bound: the best known value of a metric, if one can be computed.
+        recipe: training configuration: the name of a shipped one, or the path of a YAML file.
+        constant_entries: entries of the observation that may stay constant over an episode with default settings.
+        picture: what figures show.
+    """
+
+    metrics: tuple[Metric, ...]
+    experts: Mapping[str, Callable[[Any], Expert]]
+    control_modes: tuple[str, ...] = ("torque",)
+    bound: Bound | None = None
+    recipe: str | None = None
+    constant_entries: frozenset[str] = frozenset()
+    picture: Picture | None = None
+
+    @property
+    def primary(self) -> Metric | None:
+        """The metric by which episodes are compared, if one is marked."""
+        return next((metric for metric in self.metrics if metric.primary), None)
+
+
+_CARDS: dict[str, TaskCard | str] = {}
+
+
+def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
+    """Register a task with Gymnasium, single and vector, and its card; again for the same id replaces the card.
+
+    Args:
+        env_id: the Gymnasium id, such as ``"Swing-v0"``; the task's own `env_id`.
+        task: the `Task` class. As ``"module:Name"`` it is not imported before it is made, and the classes
+            ``NameEnv`` and ``NameVectorEnv`` beside it are the environments.
+        card: its card, or ``"module:NAME"`` of it.
+
+    Raises:
+        ValueError: if the class has another `env_id`.
+    """
+    if isinstance(task, str):
+        single, vector, settings = f"{task}Env", f"{task}VectorEnv", {}
+    else:
+        if task.env_id != env_id:
+            raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
+        single, vector = "envs.environment:PlanarArmEnv", "envs.environment:PlanarArmVectorEnv"
+        settings = {"task_type": task}
+    if env_id not in gym.registry:
+        gym.register(env_id, entry_point=single, vector_entry_point=vector, kwargs=settings)
+    _CARDS[env_id] = card
+
+
+def env_ids() -> list[str]:
+    """Ids of all registered tasks, sorted."""
+    return sorted(_CARDS)
+
+
+def task_card(env_id: str) -> TaskCard:
+    """The card of a task.
+
+    Raises:
+        ValueError: if no task has this id, with the nearest one that there is.
+    """
+    if env_id not in _CARDS:
+        from envs.settings import refuse_unknown
+
+        refuse_unknown([env_id], _CARDS, "environment")
+    card = _CARDS[env_id]
+    if isinstance(card, str):
+        module, _, name = card.partition(":")
+        card = _CARDS[env_id] = getattr(import_module(module), name)
+    return card

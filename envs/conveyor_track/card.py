@@ -1,0 +1,61 @@
+"""The card of ConveyorTrack-v0."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from envs.card import Bound, Info, Metric, Picture, TaskCard
+from envs.conveyor_track.planning import meet_on_line
+from envs.experts.follower import FollowerExpert
+from envs.experts.planning import PlanningExpert
+from envs.experts.potential_field import MovingTargetExpert
+from envs.physics.actuation import CONTROL_MODES
+from planners import dpct, lagrange
+
+
+def _bound(env: Any, env_index: int, seed: int) -> float:
+    """Least settling time, s; limits and part may be missed by as much as the environment tolerates."""
+    config = env.task.config
+    return dpct.settling_bound(
+        env.motion_problem(env_index),
+        position_tolerance=config.position_tolerance,
+        velocity_tolerance=config.velocity_tolerance,
+        limit_tolerance=config.limit_tolerance,
+    )
+
+
+def _outcome(info: Info, duration: float) -> str:
+    if math.isfinite(info["settling_time"]):
+        return f"settled at {info['settling_time']:.2f} s"
+    return f"not settled after {duration:.1f} s"
+
+
+CARD = TaskCard(
+    metrics=(
+        Metric("settling_time", "settled (s)", primary=True),
+        Metric("steady_state_error", "error (mm)", 1e3),
+    ),
+    experts={
+        "dpct": lambda task: PlanningExpert(task, meet_on_line),
+        "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
+        "apf": MovingTargetExpert,
+        "follower": FollowerExpert,
+    },
+    control_modes=CONTROL_MODES,
+    bound=Bound("settling_time", "settling time of the best known optimum within the same tolerances", _bound),
+    recipe="ppo/ConveyorTrack-v0",
+    # The belt's acceleration is 0 unless configured; nothing is settled until the part is met.
+    constant_entries=frozenset({"part_acceleration", "settled"}),
+    picture=Picture(
+        "distance from hand to part (mm)",
+        measure=lambda record: 1e3 * float(record["error"]),
+        outcome=_outcome,
+        target=lambda task, record: record["part_position"].copy(),
+        arrival="settling_time",
+        logarithmic=True,
+        tolerance="position_tolerance",
+        belt=True,
+    ),
+)
+"""What other packages need to know of ConveyorTrack-v0."""

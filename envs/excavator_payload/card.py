@@ -1,0 +1,47 @@
+"""The card of ExcavatorPayload-v0."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+from envs.card import Info, Metric, Picture, TaskCard
+from envs.excavator_payload.controllers import PayloadExpert
+from envs.excavator_payload.waypoint_experts import FieldWayExpert, PlannedWayExpert, unhurried
+from planners import dpct, quintic
+
+
+def _outcome(info: Info, duration: float) -> str:
+    if math.isfinite(info["tip_rms"]):
+        return f"tip error {1e3 * info['tip_rms']:.1f} mm RMS,\n{1e3 * info['tip_max']:.1f} mm at worst"
+    return f"a joint ran away at {duration:.1f} s"
+
+
+CARD = TaskCard(
+    metrics=(
+        Metric("success_easy", "easy (%)", lower_is_better=False),
+        Metric("tip_rms", "tip RMS (mm)", 1e3, primary=True),
+        Metric("tip_max", "tip worst (mm)", 1e3),
+        Metric("waypoint_error", "at waypoints (mm)", 1e3),
+    ),
+    experts={
+        "dpct": lambda task: PlannedWayExpert(task, partial(dpct.plan, variant="torque")),
+        "lagrange": lambda task: PlannedWayExpert(task, unhurried),
+        "apf": FieldWayExpert,
+        "follower": lambda task: PlannedWayExpert(task, quintic.plan),
+        "adaptive": PayloadExpert,
+        "adaptive_computed_torque": partial(PayloadExpert, controller="adaptive-computed-torque", moments=False),
+        "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),
+        "computed_torque": partial(PayloadExpert, controller="computed-torque"),
+    },
+    control_modes=("torque", "residual"),
+    recipe="ppo/ExcavatorPayload-v0",
+    picture=Picture(
+        "distance from tip to reference (mm)",
+        measure=lambda record: 1e3 * float(record["tip_error"]),
+        outcome=_outcome,
+        target=lambda task, record: record["wanted_tip"].copy(),
+        logarithmic=True,
+    ),
+)
+"""What other packages need to know of ExcavatorPayload-v0."""

@@ -1,0 +1,49 @@
+"""The card of MinTorqueMove-v0."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from envs.card import Bound, Info, Metric, Picture, TaskCard
+from envs.experts.planning import PlanningExpert
+from envs.experts.potential_field import JointFieldExpert
+from planners import dpct, lagrange, quintic
+
+
+def _bound(env: Any, env_index: int, seed: int) -> float:
+    """Least torque, as a share of the quintic's, by dense transcription from the Lagrange planner's solution."""
+    problem = env.motion_problem(env_index)
+    return lagrange.plan(problem, polish=True).cost / quintic.plan(problem).cost
+
+
+def _outcome(info: Info, duration: float) -> str:
+    if info["is_success"]:
+        return f"torque {100.0 * info['quintic_ratio']:.0f} % of the quintic's"
+    return f"missed the goal by {info['angle_error']:.2g} rad"
+
+
+CARD = TaskCard(
+    metrics=(
+        Metric("quintic_ratio", "torque / quintic's", primary=True),
+        Metric("torque_l1", "PI1 (N m s)"),
+        Metric("angle_error", "error (mrad)", 1e3),
+    ),
+    experts={
+        "dpct": lambda task: PlanningExpert(task, partial(dpct.plan, variant="torque")),
+        "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
+        "apf": JointFieldExpert,
+        "follower": lambda task: PlanningExpert(task, quintic.plan),
+    },
+    bound=Bound("quintic_ratio", "torque of the best known motion, a dense transcription, over the quintic's", _bound),
+    recipe="ppo/MinTorqueMove-v0",
+    constant_entries=frozenset({"torque_limit"}),  # the arm's
+    picture=Picture(
+        "sum of the joints' |torque| (N m)",
+        measure=lambda record: float(record["torque_l1"]),
+        outcome=_outcome,
+        target=lambda task, record: task.arm.forward_kinematics(record["goal"]),
+        rate=True,
+    ),
+)
+"""What other packages need to know of MinTorqueMove-v0."""

@@ -1,0 +1,50 @@
+"""The card of ObstacleDodge-v0."""
+
+from __future__ import annotations
+
+from envs.card import Bound, Info, Metric, Picture, TaskCard
+from envs.experts.planning import PlanningExpert
+from envs.experts.potential_field import DodgingExpert
+from envs.obstacle_dodge.bound import time_to_goal
+from envs.obstacle_dodge.planning import REPLAN_EVERY, pass_via_nodes, time_along_line
+from planners import trapezoid
+
+
+def _outcome(info: Info, duration: float) -> str:
+    if info["collision"]:
+        return f"collided at {duration:.2f} s"
+    clearance = f"least clearance {1e3 * info['min_clearance']:.0f} mm"
+    if info["is_success"]:
+        return f"at the goal after {info['time_to_goal']:.2f} s,\n{clearance}"
+    return f"not at the goal after {duration:.1f} s,\n{clearance}"
+
+
+CARD = TaskCard(
+    metrics=(
+        Metric("collision", "collided (%)"),
+        Metric("time_to_goal", "to goal (s)", primary=True),
+        Metric("min_clearance", "clearance (mm)", 1e3, lower_is_better=False),
+    ),
+    experts={
+        "dpct": lambda task: PlanningExpert(task, time_along_line, REPLAN_EVERY),
+        "lagrange": lambda task: PlanningExpert(task, pass_via_nodes, REPLAN_EVERY),
+        "apf": DodgingExpert,
+        "follower": lambda task: PlanningExpert(task, trapezoid.plan),
+    },
+    control_modes=("torque", "acceleration", "velocity"),
+    bound=Bound(
+        "time_to_goal", "a search that knows the whole paths of the discs (half of the acceleration)", time_to_goal
+    ),
+    recipe="ppo/ObstacleDodge-v0",
+    # The radius is the same unless chosen; nothing is held until the goal is reached.
+    constant_entries=frozenset({"obstacle_radius", "held"}),
+    picture=Picture(
+        "clearance between arm and disc (mm)",
+        measure=lambda record: 1e3 * float(record["clearance"]),
+        outcome=_outcome,
+        target=lambda task, record: record["goal"].copy(),
+        discs=("discs", "radii"),
+        arrival="time_to_goal",
+    ),
+)
+"""What other packages need to know of ObstacleDodge-v0."""
