@@ -1,6 +1,6 @@
 """Training, evaluation, the leaderboard and the `planarm` command: what learns and compares."""
 
-from importlib import import_module
+from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Import what is public on first use: `planarm --help` must not wait for the physics."""
+    if name == "__version__":
+        return metadata.version("planarm")
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

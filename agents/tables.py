@@ -1,4 +1,4 @@
-"""Tables of text and numbers: aligned on a terminal, Markdown in a file or a pipe. Every command prints its own here."""
+"""Tables of text and numbers: aligned on a terminal, Markdown in a file or a pipe."""
 
 from __future__ import annotations
 

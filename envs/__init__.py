@@ -28,4 +28,8 @@ def __getattr__(name: str) -> Any:
         from envs.experts import make_expert
 
         return make_expert
+    if name == "__version__":
+        from importlib import metadata
+
+        return metadata.version("planarm")
     raise AttributeError(f"module 'envs' has no attribute {name!r}")

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
+import pytest
 from hypothesis import settings
+
+MARKERS = {"rl": ("stable_baselines3", 'pip install "planarm[rl]"'), "moviepy": ("moviepy", "pip install moviepy")}
+"""The module that tests with a marker need, and how to get it."""
 
 # The same examples in every run, so that a failure can be met again and belongs to the change that made it.
 # `pytest --hypothesis-profile explore` draws new ones.
 settings.register_profile("same", derandomize=True)
 settings.register_profile("explore", derandomize=False)
 settings.load_profile("same")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests whose marker names a module that is not installed."""
+    missing = {marker: remedy for marker, (module, remedy) in MARKERS.items() if find_spec(module) is None}
+    for item in items:
+        for marker in item.iter_markers():
+            if marker.name in missing:
+                item.add_marker(pytest.mark.skip(reason=f"needs {missing[marker.name]}"))

@@ -1,15 +1,22 @@
-"""README, .ci/run, constraints.txt and pyproject.toml say the same, and README's examples run."""
+"""README, .ci/run, constraints.txt and pyproject.toml agree, README's examples run, the source keeps its structure."""
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
+from collections import Counter
+from graphlib import TopologicalSorter
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+import agents
+import envs
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -67,3 +74,98 @@ def test_every_requirement_is_pinned_to_a_version_it_allows(requirement: Require
 def test_core_installs_no_torch() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert not [line for line in project["dependencies"] if "torch" in line or "stable" in line]
+
+
+def test_the_version_is_pyprojects() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert agents.__version__ == envs.__version__ == version
+
+
+def test_paths_in_readme_exist() -> None:
+    paths = re.findall(r"\b(?:planners|envs|agents|configs|tests|tools|docs)/[\w/.-]*\w", README)
+    assert paths
+    assert not [path for path in paths if not (ROOT / path).exists()]
+
+
+SOURCE = {
+    path.relative_to(ROOT).with_suffix("").as_posix().removesuffix("/__init__").replace("/", "."): path
+    for floor in ("planners", "envs", "agents", "tools")
+    for path in sorted((ROOT / floor).rglob("*.py"))
+}
+
+
+def imported(path: Path) -> set[str]:
+    """The dotted names of the modules of this repository that a file imports, anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names & SOURCE.keys()
+
+
+IMPORTS = {module: imported(path) for module, path in SOURCE.items()}
+
+
+def imports_between(importer: str, imported: str) -> list[tuple[str, str]]:
+    """The imports by which one room, a dotted name, leads into another."""
+    return [
+        (module, name)
+        for module, names in IMPORTS.items()
+        for name in names
+        if f"{module}.".startswith(f"{importer}.") and f"{name}.".startswith(f"{imported}.")
+    ]
+
+
+METHODS = ("planners.dpct", "planners.lagrange", "planners.apf")
+FORBIDDEN = [
+    *[("planners", upper) for upper in ("envs", "agents", "tools")],
+    *[("envs", upper) for upper in ("agents", "tools")],
+    ("agents", "tools"),
+    *[(one, other) for one in METHODS for other in METHODS if one != other],
+    *[("planners.motion", method) for method in METHODS if method != "planners.dpct"],
+]
+
+
+@pytest.mark.parametrize(("importer", "imported"), FORBIDDEN, ids=str)
+def test_imports_point_down(importer: str, imported: str) -> None:
+    assert not imports_between(importer, imported)
+
+
+def test_agents_import_each_other_over_few_storeys() -> None:
+    graph = {module: {name for name in names if name.startswith("agents.")} for module, names in IMPORTS.items()}
+    storey: dict[str, int] = {}
+    for module in TopologicalSorter(graph).static_order():
+        storey[module] = 1 + max((storey[name] for name in graph[module]), default=0)
+    assert {module for module in storey if module.startswith("agents.") and storey[module] > 8} == set()
+
+
+LINES = {path: len(path.read_text().splitlines()) for path in SOURCE.values()}
+
+
+def test_source_files_are_short() -> None:
+    assert median(LINES.values()) <= 150
+    assert sorted(LINES.values())[int(0.9 * len(LINES))] <= 320
+
+
+def test_folders_are_not_heaps() -> None:
+    crowded = {folder: n for folder, n in Counter(path.parent for path in LINES).items() if n > 15}
+    assert not crowded
+
+
+def test_tools_show_their_command() -> None:
+    tools = [path for path in (ROOT / "tools").glob("*.py") if "__main__" in path.read_text()]
+    assert tools
+    silent = [
+        path.name
+        for path in tools
+        if f"python -m tools.{path.stem}" not in str(ast.get_docstring(ast.parse(path.read_text())))
+    ]
+    assert not silent
+
+
+def test_an_environment_of_a_batch_is_not_a_lane() -> None:
+    files = [*SOURCE.values(), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("tests/**/*.py")]
+    lane = re.compile(r"\blanes?\b", flags=re.IGNORECASE)
+    assert not [path for path in files if path.name != "test_house.py" and lane.search(path.read_text())]

@@ -21,6 +21,8 @@ from agents.training.run import TrainingRun
 from agents.training.vec_env import NativeVecEnv
 from agents.training.whole_episodes import WholeEpisodes
 
+pytestmark = pytest.mark.rl
+
 ENV = "MinTorqueMove-v0"
 MOTION = {"control_mode": "motion"}
 SMALL: dict[str, Any] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -75,9 +76,10 @@ def test_what_is_no_model_is_said_even_when_code_is_allowed(tmp_path: Path) -> N
             find_policy(str(tmp_path / f"{name}.zip"), ENV, allow_code=True)
 
 
+@pytest.mark.rl
 @pytest.mark.parametrize("algorithm", ["PPO", "A2C", "SAC", "TD3", "DDPG"])
 def test_a_model_of_stable_baselines3_is_evaluated(tmp_path: Path, algorithm: str) -> None:
-    library: Any = pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
+    library: Any = import_module("stable_baselines3")
     sizes: dict[str, Any] = {"policy_kwargs": {"net_arch": [8]}, "seed": 1, "device": "cpu"}
     if algorithm in {"SAC", "TD3", "DDPG"}:
         sizes["buffer_size"] = 10

@@ -201,8 +201,8 @@ def test_by_default_agents_are_shipped_where_they_are_looked_for() -> None:
     assert (TRAINED / f"{CONVEYOR}.safetensors").exists()
 
 
+@pytest.mark.rl
 def test_real_runs_are_shipped_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
     from agents import cli
 
     small = ["total_steps=400", "num_envs=4", "rollout_steps=50", "batch_size=100", "hidden=[8]", "warm_start=null"]

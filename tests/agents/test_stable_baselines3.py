@@ -22,6 +22,8 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+pytestmark = pytest.mark.rl
+
 MODES = [
     (env_id, mode)
     for env_id in known_env_ids()

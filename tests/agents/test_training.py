@@ -33,6 +33,8 @@ from agents.training.warm_start import clone_expert, collect, returns_to_go
 from agents.yaml_config import load_experiment, shipped_experiments
 from envs.conveyor_track.env import LAYOUT
 
+pytestmark = pytest.mark.rl
+
 SMALL: dict[str, Any] = {
     "env": "ConveyorTrack-v0",
     "env_config": {"control_mode": "jerk", "horizon": 2.0},

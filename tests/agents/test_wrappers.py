@@ -70,9 +70,9 @@ def test_environment_statistics(env_id: str, name: str) -> None:
     env.close()
 
 
+@pytest.mark.moviepy
 @every_expert
 def test_videos(env_id: str, name: str, tmp_path: Path) -> None:
-    pytest.importorskip("moviepy", reason='needs pip install moviepy "pillow<12"')
     import imageio_ffmpeg
 
     folder = tmp_path / "films"
