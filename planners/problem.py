@@ -219,6 +219,31 @@ class Trajectory:
         return q, qd, qdd
 
 
+def sampled_trajectory(
+    problem: MotionProblem,
+    t: Array,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    *,
+    planner: str,
+    cost: float = math.nan,
+    rendezvous_time: float = math.inf,
+    rides_until: float = math.inf,
+    jerk_jumps: bool = False,
+) -> Trajectory:
+    """A sampled joint motion as a `Trajectory`, with the torques of the loaded arm and the limit ratios.
+
+    ``jerk_jumps`` says that the acceleration jumps, so that the ratio to a finite jerk limit is infinite; the other
+    arguments are the trajectory's attributes.
+    """
+    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
+    ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
+    if jerk_jumps and ratios["jerk"] > 0.0:
+        ratios["jerk"] = math.inf
+    return Trajectory(t, q, qd, qdd, tau, ratios, cost, rendezvous_time, planner, rides_until)
+
+
 def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> dict[str, float]:
     """Worst |value| / limit of each kind over samples and joints.
 

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 
-from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
@@ -35,23 +37,14 @@ def plan(problem: MotionProblem) -> Trajectory:
     q0, qd0, _ = problem.start
     if np.abs(qd0).max() > 1e-3:
         raise Infeasible("start", f"a quintic from rest to rest cannot start at {qd0} rad/s", qd=qd0)
-    arm, change = problem.loaded_arm, problem.target.q - problem.q
+    change = problem.target.q - problem.q
     s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
     q = q0 + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     qd = change / problem.horizon * 30.0 * s**2 * (1.0 - s) ** 2
     qdd = change / problem.horizon**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-    tau, t = arm.inverse_dynamics(q, qd, qdd), problem.horizon * s[:, 0]
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
-        cost=float(np.trapezoid(np.abs(tau).sum(axis=1), t)),
-        rendezvous_time=problem.horizon,
-        planner="quintic",
-    )
+    t = problem.horizon * s[:, 0]
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=problem.horizon, planner="quintic")
+    return replace(trajectory, cost=float(np.trapezoid(np.abs(trajectory.tau).sum(axis=1), t)))
 
 
 @njit(cache=True, nogil=True)

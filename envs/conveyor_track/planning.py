@@ -18,7 +18,7 @@ def meet_on_line(problem: MotionProblem) -> Trajectory:
     A payload that is not known yet makes the hand drift off its line a little, and DPCT plans for hands that move along
     it; what is across is taken out of the start.
     """
-    return dpct.plan(_along_line(problem), allow_reverse=True, explain=False)
+    return dpct.plan(_along_line(problem), allow_reverse=True)
 
 
 def _along_line(problem: MotionProblem) -> MotionProblem:

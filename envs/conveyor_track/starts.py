@@ -191,7 +191,7 @@ def build_table(path: Path, horizon: float = 6.0, checks: int = 2000) -> None:
         values = [nodes[i] for nodes, i in zip(AXES.values(), index[:-1], strict=True)]
         problem = problem_of(Start._make([*values, ELBOWS[index[-1]]]), Demands(horizon, 0.0))
         try:
-            plan = dpct.plan(replace(problem, limits=problem.joint_limits.scaled(MARGIN)), explain=False)
+            plan = dpct.plan(replace(problem, limits=problem.joint_limits.scaled(MARGIN)))
         except (Infeasible, UnreachableTarget):
             continue
         rendezvous[index], rides[index] = plan.rendezvous_time, min(plan.rides_until, horizon)

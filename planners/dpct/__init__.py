@@ -23,8 +23,6 @@ from planners.dpct.paper import plan_paper
 from planners.dpct.settling import settling_bound
 from planners.dpct.timing.planner import plan_timing
 from planners.dpct.torque.planner import plan_torque
-from planners.motion.line import Branch, reduce_to_line
-from planners.motion.rides import Window, ride_windows
 from planners.problem import MotionProblem, Trajectory
 from planners.variants import plan_variant
 
@@ -49,26 +47,12 @@ def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -
     return plan_variant(_PLANNERS, variant, problem, options)
 
 
-def rideable_windows(problem: MotionProblem, elbow: Branch = "start") -> list[Window]:
-    """Time intervals in which the hand can ride exactly with the target within every limit, in order.
-
-    From time 0 until the target leaves the reach of the arm; for a target that stands still the last one closes at
-    infinity. Empty if there are none.
-
-    Raises:
-        Infeasible: if the hand is not on the target's line, or that line is out of reach.
-    """
-    return ride_windows(reduce_to_line(problem, elbow))
-
-
 __all__ = [
     "Variant",
-    "Window",
     "plan",
     "plan_optimal",
     "plan_paper",
     "plan_timing",
     "plan_torque",
-    "rideable_windows",
     "settling_bound",
 ]

@@ -14,11 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from planners.dpct import diagnosis
 from planners.dpct.constraints import Course
 from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
 from planners.motion.line import Branch, Line, reduce_to_line
-from planners.motion.rides import KINDS, Window, joint_motion, limit_table, ride_windows
+from planners.motion.rides import KINDS, Window, joint_motion, limit_table, ride_load, ride_windows
 from planners.motion.stages import sample_manoeuvre, sample_ride, to_trajectory
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory
 from planners.typing import Array
@@ -55,7 +54,6 @@ def plan_optimal(
     free_initial_acceleration: bool = False,
     allow_reverse: bool = False,
     stages: int = STAGES,
-    explain: bool = True,
 ) -> Trajectory:
     """Meet a moving target exactly and ride with it, or come to rest at a fixed one.
 
@@ -75,7 +73,6 @@ def plan_optimal(
         allow_reverse: let the hand move against the direction of the line, to meet a part that is still upstream
             earlier; it always may where its start, or the target later on, moves that way.
         stages: intervals of constant jerk.
-        explain: on failure find out what would help (some 50 ms), for the message and the details of `Infeasible`.
 
     Returns:
         The trajectory; its cost is J of eq 18, with ``r = 1`` where the target is at the horizon (eq 7).
@@ -98,7 +95,7 @@ def plan_optimal(
     for branch in ("start",) if isinstance(problem.target, FixedJoints) and elbow == "best" else branches[elbow]:
         try:
             line = reduce_to_line(problem, branch)
-            plans.append(_plan_on(line, aim, free_initial_acceleration, allow_reverse, stages, explain))
+            plans.append(_plan_on(line, aim, free_initial_acceleration, allow_reverse, stages))
         except Infeasible as failure:
             failures.append(failure)
     if not plans:
@@ -114,9 +111,7 @@ def _merit(plan: Trajectory, time_weight: float) -> tuple[float, float]:
     return time_weight * plan.rendezvous_time + plan.cost, 0.0
 
 
-def _plan_on(
-    line: Line, aim: Aim, free_acceleration: bool, allow_reverse: bool, stages: int, explain: bool
-) -> Trajectory:
+def _plan_on(line: Line, aim: Aim, free_acceleration: bool, allow_reverse: bool, stages: int) -> Trajectory:
     """Plan along a line and ride on."""
     start_load = _check_start(line, free_acceleration)
     windows = _windows(line, aim.rendezvous_time)
@@ -128,7 +123,7 @@ def _plan_on(
     if plan is None and start_load.max() > 1.0 - START_TOLERANCE:
         plan = _within_limits(line, course, windows, aim, start_load, START_OVERSHOOT)
     if plan is None:
-        raise _no_rendezvous(line, course, windows, aim, explain)
+        raise _late(line, windows, aim.rendezvous_time)
     return plan
 
 
@@ -174,17 +169,49 @@ def _windows(line: Line, rendezvous_time: float | None) -> list[Window]:
     if rendezvous_time is not None:
         usable = [window for window in usable if window.opens <= rendezvous_time <= window.closes]
     if not usable:
-        raise diagnosis.no_window(line, windows, rendezvous_time)
+        raise _no_window(line, windows, rendezvous_time)
     return usable
 
 
-def _no_rendezvous(line: Line, course: Course, windows: list[Window], aim: Aim, explain: bool) -> Infeasible:
-    """Why the windows hold no rendezvous."""
-    if not explain:
-        return Infeasible("late", "the hand cannot be with the target while it can be ridden; explain=True says why")
-    if aim.rendezvous_time is not None:
-        return diagnosis.not_at(line, course, windows, aim.rendezvous_time)
-    return diagnosis.late(line, course, windows)
+def _no_window(line: Line, windows: list[Window], rendezvous_time: float | None) -> Infeasible:
+    """The hand cannot ride with the target at any time within the horizon, or not at the given time."""
+    horizon = line.problem.horizon
+    if windows:
+        asked = f"within the horizon of {horizon:.4g} s" if rendezvous_time is None else f"at {rendezvous_time:.4g} s"
+        spans = ", ".join(f"{window.opens:.4g} to {window.closes:.4g} s" for window in windows)
+        return Infeasible("no_window", f"no riding with the target {asked}, only from {spans}", windows=windows)
+    loads = ride_load(line, np.linspace(0.0, horizon, 201))
+    load = loads[loads.max(axis=(1, 2)).argmin()]
+    kind, joint = np.unravel_index(int(load.argmax()), load.shape)
+    ratio = float(load[kind, joint])
+    if math.isinf(ratio):
+        return Infeasible(
+            "unreachable",
+            f"within {horizon:.4g} s the target never is on the part of its line that {line.arm.name} reaches: from "
+            f"{line.low:.4g} to {line.high:.4g} m ahead of the hand",
+            low=line.low,
+            high=line.high,
+        )
+    return Infeasible(
+        "no_window" if line.moving else "limits",
+        f"being with the target takes {ratio:.4g} times the {KINDS[kind]} limit of joint {joint + 1} or more; "
+        "slow it down, move it or raise the limit",
+        joint=int(joint),
+        kind=KINDS[kind],
+        ratio=ratio,
+    )
+
+
+def _late(line: Line, windows: list[Window], rendezvous_time: float | None) -> Infeasible:
+    """No motion within the limits meets the target in the windows."""
+    closes = min(windows[-1].closes, line.problem.horizon)
+    when = f"by {closes:.4g} s" if rendezvous_time is None else f"at {rendezvous_time:.4g} s"
+    return Infeasible(
+        "late",
+        f"no motion within the limits found that meets the target {when}; start further ahead of it, slow it down, "
+        "raise the limits or allow more time",
+        closes=closes,
+    )
 
 
 def _check_start(line: Line, free_acceleration: bool) -> Array:

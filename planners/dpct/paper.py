@@ -31,7 +31,7 @@ import numpy as np
 from planners.dpct.phase_plane import Tables, search, tabulate
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 _SAMPLES_PER_STEP = 10
@@ -234,16 +234,14 @@ def execute(problem: MotionProblem, path: PhasePath) -> Trajectory:
     q, slope, curvature = line.joints(r)
     qd = slope * rate[:, None]  # eq 10
     qdd = curvature * rate[:, None] ** 2 + slope * rate_change[:, None]  # eq 11
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
     error = (r - line.offset - line.rate * t) ** 2 + (rate - line.rate) ** 2
     stages = len(path.r) - 1
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
+    return sampled_trajectory(
+        problem,
+        t,
+        q,
+        qd,
+        qdd,
         cost=float(np.trapezoid(error, t)),
         rendezvous_time=path.rendezvous_time if path.lag == 0.0 else math.inf,
         planner=f"DPCT, paper ({path.reading.name}, {stages} stages)",

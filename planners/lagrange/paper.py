@@ -30,7 +30,7 @@ from numba import njit
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from planners.problem import FixedJoints, MotionProblem, Trajectory, limit_ratios
+from planners.problem import FixedJoints, MotionProblem, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 Method = Literal["lagrange", "polynomial"]
@@ -207,19 +207,10 @@ def motion(problem: MotionProblem, curves: Sequence[Polynomial], planner: str) -
     """Polynomial joint angles of time (rad, s) from 0 to the horizon, with torques by inverse dynamics (eq 5)."""
     t = np.linspace(0.0, problem.horizon, _MOTION_STEPS + 1)
     q, qd, qdd = (np.stack([curve.deriv(order)(t) for curve in curves], axis=1) for order in range(3))
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
     arrives = max(np.abs(q[-1] - _goal(problem)).max(), np.abs(qd[-1]).max()) < _AT_GOAL
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
-        cost=torque_integral(t, tau),
-        rendezvous_time=problem.horizon if arrives else math.inf,
-        planner=f"Lagrange paper, {planner}",
-    )
+    rendezvous, name = problem.horizon if arrives else math.inf, f"Lagrange paper, {planner}"
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=rendezvous, planner=name)
+    return replace(trajectory, cost=torque_integral(t, trajectory.tau))
 
 
 def torque_integral(t: Array, tau: Array, power: int = 1) -> float:

@@ -21,6 +21,8 @@ from planners import (
     Trajectory,
     dpct,
 )
+from planners.motion.line import reduce_to_line
+from planners.motion.rides import ride_windows
 
 LINE_END = 0.4
 TORQUE_ONLY = JointLimits(torque=SCARA_1M.limits.torque)
@@ -192,7 +194,7 @@ def test_any_belt_is_planned_within_limits_or_refused_with_a_reason(
 ) -> None:
     limits = SCARA_1M.limits if limited else TORQUE_ONLY
     problem = conveyor(lead, speed, acceleration, horizon, limits, elbow)
-    plan = plan_or_reason(problem, free_initial_acceleration=free, explain=False)
+    plan = plan_or_reason(problem, free_initial_acceleration=free)
     if isinstance(plan, str):
         assert plan in {"late", "no_window", "unreachable"}
     else:
@@ -217,7 +219,7 @@ def test_three_links_and_weight(
     direction = np.array([np.cos(heading), np.sin(heading)])
     target = MovingHand(arm.forward_kinematics(np.array(q)) + offset * direction, speed * direction)
     problem = MotionProblem(arm, np.array(q), target, 1.5, limits=limits, payload=payload)
-    plan = plan_or_reason(problem, explain=False)
+    plan = plan_or_reason(problem)
     if isinstance(plan, str):
         assert plan in {"late", "no_window", "unreachable", "start"}
     else:
@@ -240,7 +242,7 @@ def test_reversed_standing_and_accelerating_parts(offset: float, velocity: float
 def test_the_ride_ends_with_its_window() -> None:
     problem = conveyor(limits=SCARA_1M.limits, horizon=20.0)
     plan = dpct.plan(problem)
-    (window,) = [window for window in dpct.rideable_windows(problem) if window.opens < plan.rendezvous_time]
+    (window,) = [window for window in ride_windows(reduce_to_line(problem)) if window.opens < plan.rendezvous_time]
     assert plan.rides_until == plan.duration == window.closes < 20.0
     assert window.opens <= plan.rendezvous_time
     assert plan.limit_ratio > 0.999

@@ -27,7 +27,7 @@ from planners import (
 )
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.lagrange.via.curve import interpolate
-from planners.lagrange.via.planner import contact_predicted
+from planners.lagrange.via.search import CONTACT
 from planners.typing import Array
 
 LIMITS = JointLimits(torque=(10.0, 4.0), velocity=(2.4, 2.4), acceleration=(4.5, 8.0), angle=SCARA_50CM.limits.angle)
@@ -53,6 +53,10 @@ def predicted_clearance(problem: MotionProblem, plan: Trajectory, until: float =
     return np.min(
         [problem.arm.clearance(q, o.position + t[:, None] * o.velocity, o.radius) for o in problem.obstacles], axis=0
     )
+
+
+def contact_predicted(plan: Trajectory) -> bool:
+    return plan.cost >= CONTACT
 
 
 def assert_sound(problem: MotionProblem, plan: Trajectory) -> None:

@@ -25,7 +25,7 @@ from planners.dpct.timing.line import line_to
 from planners.dpct.timing.search import STAGE, best_timing, time_from_rest
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 Contact = Literal["refuse", "delay"]
@@ -175,20 +175,9 @@ def _trajectory(problem: MotionProblem, legs: list[_Leg], cost: float) -> Trajec
     if len(t) == 1:  # it is there already
         t = np.array([0.0, STAGE])
         q, qd, qdd = np.repeat(q, 2, axis=0), np.zeros((2, q.shape[1])), np.zeros((2, q.shape[1]))
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
-    if ratios["jerk"] > 0.0:  # there is a limit, and jumps of the acceleration
-        ratios["jerk"] = math.inf
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=ratios,
-        cost=cost,
-        rendezvous_time=float(t[-1]),
-        planner="dpct (timing)",
+    end = float(t[-1])
+    return sampled_trajectory(
+        problem, t, q, qd, qdd, cost=cost, rendezvous_time=end, planner="dpct (timing)", jerk_jumps=True
     )
 
 

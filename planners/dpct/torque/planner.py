@@ -13,7 +13,7 @@ that bends the path may do better.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -23,7 +23,7 @@ from planners.dpct.torque.search import Corridor, Profile, least_torque, mix
 from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 Objective = Literal["PI1", "PI2"]
@@ -261,22 +261,12 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
         q[-1] = problem.target.q  # to the last digit
     qd = slope * rate[:, None]
     qdd = curvature * rate[:, None] ** 2 + slope * acceleration[:, None]
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
-    if ratios["jerk"] > 0.0:  # there is a limit, and jumps of the acceleration
-        ratios["jerk"] = math.inf
-    load = np.sum(tau**2 if objective == "PI2" else np.abs(tau), axis=1)
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=ratios,
-        cost=float(np.trapezoid(load, t)),
-        rendezvous_time=float(t[-1]),
-        planner="dpct (torque index)",
+    end = float(t[-1])
+    trajectory = sampled_trajectory(
+        problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque index)", jerk_jumps=True
     )
+    load = np.sum(trajectory.tau**2 if objective == "PI2" else np.abs(trajectory.tau), axis=1)
+    return replace(trajectory, cost=float(np.trapezoid(load, t)))
 
 
 def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:

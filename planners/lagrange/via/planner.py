@@ -19,9 +19,9 @@ from numba import njit
 
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.curve import DEGREE, interpolate, sample_derivative
-from planners.lagrange.via.search import CONTACT, SHARE, CostModel, Ends, Situation, search
+from planners.lagrange.via.search import SHARE, CostModel, Ends, Situation, search
 from planners.motion.double_integrator import rest_time
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_ratios
+from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 DISPLACEMENTS = (0.2, 0.5, 0.9)
@@ -96,11 +96,6 @@ def plan_via(
     c = np.empty((problem.arm.n_joints, DEGREE + 1))
     interpolate(situation.q, situation.qd, ends.q[found.end], via, found.duration, c)
     return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
-
-
-def contact_predicted(plan: Trajectory) -> bool:
-    """Whether a plan of `plan_via` is one that only puts off contact."""
-    return plan.cost >= CONTACT
 
 
 def _require_sensible(problem: MotionProblem, options: Mapping[str, float]) -> None:
@@ -211,15 +206,5 @@ def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, 
     """Sample an interpolant."""
     t = np.linspace(0.0, duration, max(2, math.ceil(duration / SAMPLE_STEP)) + 1)
     q, qd, qdd = (sample_derivative(c, order, t / duration) / duration**order for order in range(3))
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=limit_ratios(problem.joint_limits, t, q, qd, qdd, tau),
-        cost=cost,
-        rendezvous_time=math.inf if waits else duration,
-        planner="lagrange (via)",
-    )
+    rendezvous = math.inf if waits else duration
+    return sampled_trajectory(problem, t, q, qd, qdd, cost=cost, rendezvous_time=rendezvous, planner="lagrange (via)")
