@@ -29,7 +29,7 @@ from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.files import write_json
 from agents.provenance import versions
 from envs.experts.potential_field import DodgingExpert
-from planners.apf.dodge_gains import GAINS_FILE, DodgeGains, tuned_gains
+from planners.apf.dodge.gains import GAINS_FILE, DodgeGains, tuned_gains
 from planners.typing import Array
 
 ENV_ID = "ObstacleDodge-v0"

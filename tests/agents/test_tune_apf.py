@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planners.apf.dodge_gains import DodgeGains, tuned_gains
+from planners.apf.dodge.gains import DodgeGains, tuned_gains
 from tools.tune_apf import FIRST_SEED, SPREAD, Search, TuneOptions, main, run_field, score
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM
-from planners.apf import whole_arm
-from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
-from planners.apf.dodge_gains import GAINS_FILE
-from planners.apf.safety import make_sight
+from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains, whole_arm
+from planners.apf.dodge.discs import observe_discs, predict_discs
+from planners.apf.dodge.gains import GAINS_FILE, as_record, make_instants
 from planners.motion.double_integrator import rest_time
 from planners.typing import Array
 
@@ -42,7 +41,7 @@ def drive(
     hold_time: float = 0.5,
     gains: DodgeGains | None = None,
 ) -> Run:
-    """Perfect joints under the field; the disc's velocity is what it is seen to be."""
+    """Perfect joints under the field; the disc's velocity is observed."""
     memory, q, qd = new_memory(1, 1), np.array(start), np.zeros(2)
     rows = []
     for step in range(round(seconds / PERIOD)):
@@ -201,7 +200,7 @@ def random_batch(rows: int, discs: int) -> tuple[Array, ...]:
 
 
 @pytest.mark.parametrize("discs", [0, 1, 3])
-def test_a_environment_of_a_batch_is_bit_for_bit_that_environment_alone(discs: int) -> None:
+def test_a_row_of_a_batch_is_bit_for_bit_that_row_alone(discs: int) -> None:
     rows = random_batch(16, discs)
     memory, alone = new_memory(16, discs), [new_memory(1, discs) for _ in range(16)]
     for _ in range(3):
@@ -214,7 +213,7 @@ def test_a_environment_of_a_batch_is_bit_for_bit_that_environment_alone(discs: i
             assert alone[row][0] == memory[row]
 
 
-def test_a_environment_that_is_forgotten_begins_anew() -> None:
+def test_a_row_whose_memory_is_reset_begins_anew() -> None:
     rows = random_batch(8, 1)
     memory = new_memory(8, 1)
     first = dodge_accelerations(ARM, tuned_gains(), *rows, memory, PERIOD)
@@ -260,31 +259,31 @@ def test_held_torques_are_the_inverse_dynamics_half_a_period_ahead() -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
-def forecast(gains: DodgeGains, seen: list[Array], at: Array) -> Array:
-    """Where a disc at ``at``, whose velocities were ``seen`` one period apart, is said to be."""
-    memory, sight, trends = new_memory(1, 1), make_sight(gains), np.empty((1, 4))
-    values = np.array([tuple(asdict(gains).values())], dtype=[(name, "f8") for name in asdict(gains)])[0]
-    for velocity in seen:
-        whole_arm.notice_discs(values, memory[0], at[None], velocity[None], PERIOD, trends)
+def predicted(gains: DodgeGains, observed: list[Array], at: Array) -> Array:
+    """Predicted places of a disc at ``at`` whose velocities were ``observed`` one period apart."""
+    memory, instants, trends = new_memory(1, 1), make_instants(gains), np.empty((1, 4))
+    values = as_record(gains)
+    for velocity in observed:
+        observe_discs(values, memory[0], at[None], velocity[None], PERIOD, trends)
         memory[0]["begun"] = True
-    places = np.empty((len(sight), 1, 2))
-    whole_arm.forecast(values, sight, at[None], trends, places)
+    places = np.empty((len(instants), 1, 2))
+    predict_discs(values, instants, at[None], trends, places)
     return places[:, 0]
 
 
-def test_the_forecast_of_a_disc_that_takes_on_a_velocity_is_its_closed_form() -> None:
+def test_the_prediction_of_a_disc_that_takes_on_a_velocity_is_its_closed_form() -> None:
     gains = replace(tuned_gains(), lag=0.2, confidence=1e6, nearest=0.0, farthest=math.inf)
     at, now, wanted = np.array([0.9, -0.2]), np.array([0.5, 0.1]), np.array([-0.3, 0.6])
     before = now - PERIOD / 0.2 * (wanted - now)  # the lag's own slope
     t = 0.05 * np.arange(1, round(gains.horizon / 0.05) + 1)[:, None]
     exact = at + wanted * t - (wanted - now) * 0.2 * (1.0 - np.exp(-t / 0.2))
-    np.testing.assert_allclose(forecast(gains, [before, now], at), exact, atol=1e-5)
+    np.testing.assert_allclose(predicted(gains, [before, now], at), exact, atol=1e-5)
 
 
-def test_the_forecast_keeps_out_of_the_ring_round_the_base() -> None:
+def test_the_prediction_keeps_out_of_the_ring_round_the_base() -> None:
     gains = replace(tuned_gains(), nearest=0.32, farthest=1.3)
     at = np.array([0.8, 0.05])
-    places = forecast(gains, [np.array([-1.0, 0.0])], at)
+    places = predicted(gains, [np.array([-1.0, 0.0])], at)
     away = np.hypot(*places.T)
     assert away.min() == pytest.approx(0.32)
     assert away.max() <= 1.3 + 1e-12

@@ -1,9 +1,10 @@
-"""What the field proposes where going straight to the goal is predicted to come too close to a disc.
+"""The wells that the field proposes where the straight motion to the goal is predicted to come too close to a disc.
 
-The wells of both elbows; as detours, to go on with the last one, to wait, and wells displaced from where the arm would
-come to rest: along the repulsion, against it, and along the circulation in either sense, which is round the disc in
-front of it and behind it; for good, to stay, and to retreat to a folded arm. The one that costs least according to
-:func:`planners.apf.safety.look_ahead` is taken. That is what gets a row out of the local minima of a sum of forces.
+These are the goal's other elbow posture; as detours, the last one again, the place where the arm comes to rest, and
+wells displaced from there along the repulsion, against it, and along the circulation in either sense, which is round
+the disc in front of it and behind it; for good, staying at rest and retreats to a folded arm. The one of least cost
+according to :func:`planners.apf.dodge.look_ahead.look_ahead` is taken, which leads out of the local minima of a sum of
+forces.
 """
 
 from __future__ import annotations
@@ -14,26 +15,28 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from planners.apf.safety import NEVER, STEP, Outlook, Proposal, Scene, look_ahead, to_go
-from planners.apf.whole_arm import CRUISE_SHARE, gap, repulsion
+from planners.apf.dodge.gains import STEP
+from planners.apf.dodge.look_ahead import NEVER, DodgeScene, Outlook, Proposal, look_ahead, to_go
+from planners.apf.dodge.whole_arm import CRUISE_SHARE, gap, repulsion
 from planners.typing import Array
 
 COMPASS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of displaced wells: shares along the repulsion and along the circulation."""
 
 FOLDED = 0.92
-"""How far the elbow is bent in a retreat, as a share of its range."""
+"""Bend of the elbow in a retreat, as a share of its range."""
 
 WELL_MARGIN = 0.02
-"""How far wells stay from the ends of the joint ranges, rad."""
+"""Distance of wells from the ends of the joint ranges, rad."""
 
 
 @njit(cache=True, nogil=True)
-def choose_well(scene: Scene, record: Any) -> None:
-    """Choose the well that draws the row, and write it to the record."""
+def choose_well(scene: DodgeScene, record: Any) -> None:
+    """Choose the well that attracts a row and write it to the row's memory."""
     gains, goals = scene.gains, scene.state.postures
     elbow, other = record.elbow, 1 - record.elbow
     was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
+    # Straight to the goal, if that keeps the margin; else with the other elbow.
     outlook = look_ahead(scene, _straight(goals, elbow), np.inf)
     _take(record, goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, False)
     record.decided = True
@@ -45,7 +48,8 @@ def choose_well(scene: Scene, record: Any) -> None:
         if cost < least:
             least, record.elbow = cost, other
             _take(record, goals[other, 0], goals[other, 1], CRUISE_SHARE, False)
-    rest1, rest2, push1, push2 = rest_and_push(scene, outlook)
+    # Detours: the last one, to rest, and round the disc.
+    rest1, rest2, push1, push2 = _rest_and_push(scene, outlook)
     briefly = round(gains.detour / STEP)
     if was_detour:
         least = _try_well(scene, record, Proposal(last1, last2, gains.evade, briefly, elbow), least, gains.constancy)
@@ -54,6 +58,7 @@ def choose_well(scene: Scene, record: Any) -> None:
         well1 = rest1 + gains.push * (along * push1 - across * push2)
         well2 = rest2 + gains.push * gains.push_elbow * (across * push1 + along * push2)
         least = _try_well(scene, record, Proposal(well1, well2, gains.evade, briefly, elbow), least, 0.0)
+    # For good: retreats, and to rest.
     for swing in range(-1, 2):
         for fold in (-FOLDED, FOLDED):
             well1, well2 = rest1 + swing * gains.retreat, fold * scene.body.ranges[1]
@@ -62,15 +67,15 @@ def choose_well(scene: Scene, record: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _try_refuge(scene: Scene, record: Any, refuge: Proposal, least: float) -> float:
-    """Like `_try_well` for one that draws the row for good: that costs the way back at least."""
+def _try_refuge(scene: DodgeScene, record: Any, refuge: Proposal, least: float) -> float:
+    """`_try_well` for a well that attracts for good: its cost is at least the time of the way back."""
     way_back = to_go(scene.body, scene.state, refuge.q1, refuge.q2, 0.0, 0.0)
     return least if way_back > least else _try_well(scene, record, refuge, least, 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _try_well(scene: Scene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
-    """Take a well if it costs less, with its bonus, than the least so far; the least cost then."""
+def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
+    """Take a well if its cost, less its bonus, is below the least so far; the least cost after that."""
     end1, end2 = scene.body.ranges[0] - WELL_MARGIN, scene.body.ranges[1] - WELL_MARGIN
     well1, well2 = min(end1, max(-end1, wanted.q1)), min(end2, max(-end2, wanted.q2))
     proposal = Proposal(well1, well2, wanted.share, wanted.steps, wanted.elbow)
@@ -93,7 +98,7 @@ def _take(record: Any, well1: float, well2: float, share: float, detour: bool) -
 
 
 @njit(cache=True, nogil=True)
-def rest_and_push(scene: Scene, outlook: Outlook) -> tuple[float, float, float, float]:
+def _rest_and_push(scene: DodgeScene, outlook: Outlook) -> tuple[float, float, float, float]:
     """Where the joints come to rest if they brake, and the direction of the repulsion, both in joint space.
 
     The repulsion is that of the disc that comes closest on the straight way, where and when it does. Its direction is

@@ -1,14 +1,11 @@
-"""A potential field in joint space that knows the whole arm, where the discs are going, and both elbows.
+"""The two-link arm for compiled code: attraction and repulsion of the whole arm, and the limits of its joints.
 
-The ingredients, each for a two-link arm:
-
-* attraction: a conic well around a posture. Its force is limited, and the velocity that it may build up is what can be
-  braked on the way that is left (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986);
-* repulsion: away from a disc at the point of the arm that will be closest to it, mapped to the joints by the transposed
-  Jacobian of that point (Khatib's FIRAS applied to every link);
-* circulation: at right angles to the repulsion (L. Singh, H. Stephanou, J. Wen, "Real-time robot motion control with
-  circulatory fields", 1996): round a disc, in front of it or behind it;
-* prediction: all of it acts on where the discs will be.
+* Attraction: a conic well around a posture. Its force is limited, and so is the velocity it may build up: to what can
+  be braked on the remaining way (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986).
+* Repulsion: away from a disc at the point of the arm that is closest to it, mapped to the joints by the transposed
+  Jacobian of that point (Khatib's FIRAS applied to every link).
+* Circulation, at right angles to the repulsion (L. Singh, H. Stephanou, J. Wen, "Real-time robot motion control with
+  circulatory fields", 1996), is made from it in `planners.apf.dodge.proposals`.
 """
 
 from __future__ import annotations
@@ -19,6 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from planners.control.joint_limits import TORQUE_SHARE, VELOCITY_SHARE, share_within, stoppable_velocities
 from planners.robot.arm import Arm
 from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
@@ -27,8 +25,10 @@ BRAKING_SHARE = 0.85
 """Share of the strength of a well that its braking counts on."""
 
 APPROACH = 0.8
-"""Share of the distance that is left which is gone in a period close to the bottom of a well."""
+"""Share of the remaining distance that a joint covers in a period close to the bottom of a well."""
 
+CRUISE_SHARE = 0.5
+"""Share of the acceleration limits that the way to the goal uses: the other half is for evading."""
 
 BODY = [
     ("lengths", "f8", (2,)),
@@ -41,19 +41,15 @@ BODY = [
     ("coupling", "f8", (2, 2)),
     ("weight", "f8", (2,)),
 ]
-"""What the kernels know of a two-link arm: its links, m; largest angles, rad, and velocities, rad/s; accelerations
-towards the goal and the largest, rad/s^2; largest torques, N m; and its dynamics, see
-:mod:`planners.robot.dynamics`."""
-
-CRUISE_SHARE = 0.5
-"""Share of the acceleration limits that the way to the goal uses: the other half is for evading."""
+"""The arm: its links, m; largest angles, rad, and velocities, rad/s; accelerations towards the goal and largest ones,
+rad/s^2; largest torques, N m; and its dynamics, see :mod:`planners.robot.dynamics`."""
 
 
 def make_body(arm: Arm) -> Any:
-    """The kernels' view of an arm, a record of `BODY`.
+    """The arm as a record of `BODY`.
 
     Raises:
-        ValueError: if it has not two links, or a limit that the field needs is missing.
+        ValueError: if it does not have two links, or lacks a limit that the field needs.
     """
     if arm.n_joints != 2:
         raise ValueError(f"the whole-arm field is made for two links; {arm.name} has {arm.n_joints}")
@@ -72,7 +68,7 @@ def make_body(arm: Arm) -> Any:
 
 @njit(cache=True, nogil=True, inline="always")
 def clip(value: float, low: float, high: float) -> float:
-    """The nearest number within bounds, without the care for NaN that makes min and max slower."""
+    """The nearest number within bounds; faster than min and max, which handle NaN."""
     return low if value < low else (high if value > high else value)
 
 
@@ -87,19 +83,19 @@ def joint_attraction(error: float, v: float, strength: float, top: float, rate: 
 
 @njit(cache=True, nogil=True)
 def time_to(body: Any, q1: float, q2: float, v1: float, v2: float, posture: Array) -> float:
-    """Least time to come to rest in a posture, as if the joints were independent, s."""
+    """Least time to come to rest in a posture, s; the joints are independent double integrators."""
     first = _rest_time(posture[0] - q1, v1, body.top[0], body.cruise[0])
     return max(first, _rest_time(posture[1] - q2, v2, body.top[1], body.cruise[1]))
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _rest_time(error: float, v: float, top: float, a: float) -> float:
-    """Least time of one joint, s: that from where the motion would have begun at rest, less that of the run-up."""
+    """Least time of one joint, s: that of the motion from rest that passes through this state, less its run-up."""
     if error < 0.0:
         error, v = -error, -v
     per_a = 1.0 / a
     run_up = 0.5 * v * v * per_a
-    if v > 0.0 and error < run_up:  # it overshoots, and comes back from where it stops
+    if v > 0.0 and error < run_up:  # it overshoots, and returns from where it stops
         error, run_up, v = run_up - error, 0.0, -v
     way = error + run_up
     cruising = way * a > top * top
@@ -108,7 +104,7 @@ def _rest_time(error: float, v: float, top: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def goal_postures(body: Any, x: float, y: float, postures: Array) -> None:
-    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``; NaN where a range is left."""
+    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``; NaN beyond a joint range."""
     for branch in range(2):
         q1, q2 = two_link_branch(body.lengths[0], body.lengths[1], x, y, 1.0 - 2.0 * branch)
         if not (abs(q1) < body.ranges[0] and abs(q2) < body.ranges[1]):
@@ -131,7 +127,10 @@ def gap(l1: float, l2: float, c1: float, s1: float, c2: float, s2: float, x: flo
 
 @njit(cache=True, nogil=True)
 def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient of the arm's distance from a point by its angles, m: by the transposed Jacobian of its closest one."""
+    """Gradient of the arm's distance from a point by the joint angles, m: the transposed Jacobian of the closest one.
+
+    The closest point of each link first, then the unit vector from the disc to the closer of the two.
+    """
     l1, l2 = body.lengths[0], body.lengths[1]
     c1, s1, c2, s2 = math.cos(q1), math.sin(q1), math.cos(q1 + q2), math.sin(q1 + q2)
     along = min(l1, max(0.0, x * c1 + y * s1))
@@ -164,53 +163,28 @@ def held_torques(body: Any, q: Array, qd: Array, qdd1: float, qdd2: float, perio
 
 
 @njit(cache=True, nogil=True)
-def notice_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
-    """The velocity that each disc of a row is to have, and the change to it, written to ``trends``, ``(discs, 4)``.
+def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> None:
+    """Change the accelerations of one row, ``(2,)``, so that they keep the limits of velocity, range and torque.
 
-    A disc takes on the velocity that it is to have like a first-order lag does, so that shows in how its velocity
-    changes. Discs slide along the ring round the base that they do not enter; what they do there hides the velocity,
-    so the last one from outside is kept.
-
-    Args:
-        gains: a record of `DodgeGains`.
-        record: what is remembered of the row; its ``begun`` is read, its ``seen`` read and written.
-        positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
-        period: time since the last call, s.
-        trends: the answer, m/s.
+    A joint brakes before its end stop with half of its largest acceleration, which leaves torque for the other joint.
+    Torques are brought within their limits by scaling both accelerations.
     """
-    sliding = (gains.nearest + 1e-3) ** 2
-    for disc in range(positions.shape[0]):
-        outside = positions[disc, 0] ** 2 + positions[disc, 1] ** 2 > sliding
-        for axis in range(2):
-            change = 0.0
-            if outside or not record.begun:
-                if record.begun:
-                    change = gains.lag / period * (velocities[disc, axis] - record.seen[disc, axis])
-                record.seen[disc, axis] = velocities[disc, axis]
-            trends[disc, axis], trends[disc, 2 + axis] = record.seen[disc, axis] + change, change
+    for i in range(2):
+        hardest, top = body.hardest[i], VELOCITY_SHARE * body.top[i]
+        slowest, fastest = stoppable_velocities(q[i], qd[i], body.ranges[i], 0.5 * hardest, period)
+        slowest, fastest = max(-top, slowest), min(top, fastest)
+        qdd[i] = min((fastest - qd[i]) / period, max((slowest - qd[i]) / period, qdd[i]))
+        qdd[i] = min(hardest, max(-hardest, qdd[i]))
+    _keep_torque(body, q, qd, period, qdd)
 
 
 @njit(cache=True, nogil=True)
-def forecast(gains: Any, sight: Any, positions: Array, trends: Array, places: Array) -> None:
-    """Where the discs of one row will be, written to ``places``, ``(steps, discs, 2)``, m from the base.
-
-    Args:
-        gains: a record of `DodgeGains`.
-        sight: the instants looked at, an array of `safety.SIGHT`.
-        positions: of the discs now, ``(discs, 2)``, m from the base.
-        trends: from `notice_discs`.
-        places: the answer.
-    """
-    inner, outer = gains.nearest * gains.nearest, gains.farthest * gains.farthest
-    for disc in range(positions.shape[0]):
-        x, y = positions[disc, 0], positions[disc, 1]
-        vx, vy, change_x, change_y = trends[disc]
-        for step in range(places.shape[0]):
-            x += sight[step].travel * vx - sight[step].settling * change_x
-            y += sight[step].travel * vy - sight[step].settling * change_y
-            square = x * x + y * y
-            if square < inner or square > outer:
-                away = math.sqrt(square)
-                scale = min(gains.farthest, max(gains.nearest, away)) / max(away, 1e-9)
-                x, y = scale * x, scale * y
-            places[step, disc, 0], places[step, disc, 1] = x, y
+def _keep_torque(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> None:
+    limit1, limit2 = TORQUE_SHARE * body.torque[0], TORQUE_SHARE * body.torque[1]
+    tau1, tau2 = held_torques(body, q, qd, qdd[0], qdd[1], period)
+    if abs(tau1) <= limit1 and abs(tau2) <= limit2:
+        return
+    still1, still2 = held_torques(body, q, qd, 0.0, 0.0, period)
+    scale = min(share_within(still1, tau1, limit1), share_within(still2, tau2, limit2))
+    qdd[0] *= scale
+    qdd[1] *= scale

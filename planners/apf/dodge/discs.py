@@ -1,0 +1,65 @@
+"""Predicts the motion of discs: each takes on a velocity of its own with a first-order lag.
+
+The velocity that a disc is taking on is its present one plus the change still to come, ``lag`` times its acceleration.
+Discs slide along the ring round the base that they do not enter. The velocity observed there says nothing about the one
+they take on, so the last one observed outside is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.typing import Array
+
+
+@njit(cache=True, nogil=True)
+def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
+    """Estimate the velocity that each disc of a row is taking on, and the change still to come.
+
+    Args:
+        gains: a record of `DodgeGains`.
+        record: the row's memory; ``begun`` is read, ``disc_velocity`` read and written.
+        positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
+        period: time since the last call, s.
+        trends: filled in with velocity and change, ``(discs, 4)``, m/s.
+    """
+    sliding = (gains.nearest + 1e-3) ** 2
+    for disc in range(positions.shape[0]):
+        outside = positions[disc, 0] ** 2 + positions[disc, 1] ** 2 > sliding
+        for axis in range(2):
+            change = 0.0
+            if outside or not record.begun:
+                if record.begun:
+                    change = gains.lag / period * (velocities[disc, axis] - record.disc_velocity[disc, axis])
+                record.disc_velocity[disc, axis] = velocities[disc, axis]
+            trends[disc, axis], trends[disc, 2 + axis] = record.disc_velocity[disc, axis] + change, change
+
+
+@njit(cache=True, nogil=True)
+def predict_discs(gains: Any, instants: NDArray[Any], positions: Array, trends: Array, places: Array) -> None:
+    """Predict where the discs of one row will be; they stay between `nearest` and `farthest` from the base.
+
+    Args:
+        gains: a record of `DodgeGains`.
+        instants: of the look-ahead, an array of `planners.apf.dodge.gains.INSTANTS`.
+        positions: of the discs now, ``(discs, 2)``, m from the base.
+        trends: from `observe_discs`.
+        places: filled in, ``(steps, discs, 2)``, m from the base.
+    """
+    inner, outer = gains.nearest * gains.nearest, gains.farthest * gains.farthest
+    for disc in range(positions.shape[0]):
+        x, y = positions[disc, 0], positions[disc, 1]
+        vx, vy, change_x, change_y = trends[disc]
+        for step in range(places.shape[0]):
+            x += instants[step].travel * vx - instants[step].settling * change_x
+            y += instants[step].travel * vy - instants[step].settling * change_y
+            square = x * x + y * y
+            if square < inner or square > outer:
+                away = math.sqrt(square)
+                scale = min(gains.farthest, max(gains.nearest, away)) / max(away, 1e-9)
+                x, y = scale * x, scale * y
+            places[step, disc, 0], places[step, disc, 1] = x, y

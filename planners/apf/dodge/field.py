@@ -1,0 +1,179 @@
+"""The controller: from the state of arms and discs to joint accelerations, one row of a batch at a time."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from planners.apf.dodge.discs import observe_discs, predict_discs
+from planners.apf.dodge.gains import DodgeGains, as_record, make_instants
+from planners.apf.dodge.look_ahead import STATE, DodgeScene
+from planners.apf.dodge.proposals import choose_well
+from planners.apf.dodge.whole_arm import goal_postures, joint_attraction, keep_limits, make_body, time_to
+from planners.robot.arm import Arm
+from planners.typing import Array
+
+TOLERANCE_SHARE = 0.85
+"""Distance from the goal that counts as reached in the look-ahead, as a share of the tolerance."""
+
+
+def new_memory(rows: int, discs: int) -> NDArray[Any]:
+    """The controller's memory of each row, all zeros where an episode begins.
+
+    Returns:
+        A structured array, ``(batch,)``; ``memory[row] = 0`` resets a row.
+    """
+    fields: list[tuple[Any, ...]] = [
+        ("begun", "?"),
+        ("decided", "?"),  # in the last period: the decision holds for two
+        ("detour", "?"),
+        ("elbow", "i8"),
+        ("held", "f8"),
+        ("share", "f8"),
+        ("well", "f8", (2,)),
+        ("disc_velocity", "f8", (discs, 2)),
+    ]
+    return np.zeros(rows, dtype=fields)
+
+
+def dodge_accelerations(
+    arm: Arm,
+    gains: DodgeGains,
+    q: ArrayLike,
+    qd: ArrayLike,
+    goal: ArrayLike,
+    positions: ArrayLike,
+    velocities: ArrayLike,
+    radii: ArrayLike,
+    memory: NDArray[Any],
+    period: float,
+    *,
+    tolerance: float = 0.03,
+    hold_time: float = 0.5,
+) -> Array:
+    """Mean joint accelerations for the next period that bring the hand to its goal, clear of the discs.
+
+    They keep the arm's limits of acceleration, velocity, range and torque (held for the period).
+
+    Args:
+        arm: with two links.
+        gains: of the field; `tuned_gains` for the best known.
+        q, qd: joint angles and velocities, ``(batch, 2)``, rad and rad/s.
+        goal: of the hand, ``(batch, 2)``, m.
+        positions, velocities: of the discs, ``(batch, discs, 2)``, m and m/s.
+        radii: of the discs, ``(batch, discs)``, m.
+        memory: from `new_memory`, updated in place.
+        period: control period, s.
+        tolerance: distance from the goal that counts as reached, m.
+        hold_time: how long the goal has to be held; the episode ends then, and with it every danger, s.
+
+    Returns:
+        ``(batch, 2)``, rad/s^2. A row whose goal no posture within the ranges reaches brakes and evades.
+
+    Raises:
+        ValueError: if shapes do not fit, or the arm does not have two links.
+    """
+    body, values, instants = _prepared(arm, gains)
+    rows, discs = len(memory), memory.dtype["disc_velocity"].shape[0]
+    angles, speeds, hands = (_shaped(array, (rows, 2)) for array in (q, qd, goal))
+    places, rates = (_shaped(array, (rows, discs, 2)) for array in (positions, velocities))
+    states = np.zeros(1, STATE)
+    states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
+    base, sizes, qdd = arm.base_array, _shaped(radii, (rows, discs)), np.empty_like(angles)
+    _dodge_batch(
+        body, values, instants, states, angles, speeds, hands - base, places - base, rates, sizes, memory, period, qdd
+    )
+    return qdd
+
+
+def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
+    given = np.ascontiguousarray(array, dtype=float)
+    if given.shape != shape:
+        raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (batch, ...), (batch, discs, ...)")
+    return given
+
+
+@cache
+def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
+    """Arm, gains and instants of the look-ahead for compiled code."""
+    return make_body(arm), as_record(gains), make_instants(gains)
+
+
+@njit(cache=True, nogil=True)
+def _dodge_batch(
+    body: Any,
+    gains: Any,
+    instants: NDArray[Any],
+    states: NDArray[Any],
+    q: Array,
+    qd: Array,
+    goal: Array,
+    positions: Array,
+    velocities: Array,
+    radii: Array,
+    memory: Any,
+    period: float,
+    qdd: Array,
+) -> None:
+    state, discs = states[0], radii.shape[1]
+    places, trends = np.empty((instants.shape[0], discs, 2)), np.empty((discs, 4))
+    for row in range(q.shape[0]):
+        record = memory[row]
+        _set_state(body, q[row], qd[row], goal[row], period, state, record)
+        observe_discs(gains, record, positions[row], velocities[row], period, trends)
+        if record.decided:
+            record.decided = False
+        else:
+            goal_postures(body, goal[row, 0], goal[row, 1], state.postures)
+            _choose_elbow(body, gains, state, record)
+            predict_discs(gains, instants, positions[row], trends, places)
+            choose_well(DodgeScene(body, gains, state, instants, places, radii[row]), record)
+        record.begun = True
+        for i in range(2):
+            error, strength = record.well[i] - q[row, i], record.share * body.hardest[i]
+            qdd[row, i] = joint_attraction(error, qd[row, i], strength, body.top[i], 1.0 / period)
+        keep_limits(body, q[row], qd[row], period, qdd[row])
+
+
+@njit(cache=True, nogil=True)
+def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
+    """Fill in the state of a row, and update how long it has held its goal."""
+    angle = 0.0
+    x = y = 0.0
+    for i in range(2):
+        angle += q[i]
+        state.q[i], state.qd[i], state.goal[i] = q[i], qd[i], goal[i]
+        state.directions[i, 0], state.directions[i, 1] = math.cos(angle), math.sin(angle)
+        x += body.lengths[i] * state.directions[i, 0]
+        y += body.lengths[i] * state.directions[i, 1]
+    there = math.hypot(x - goal[0], y - goal[1]) <= state.tolerance / TOLERANCE_SHARE
+    record.held = record.held + period if there and record.begun else 0.0
+    state.held = record.held
+
+
+@njit(cache=True, nogil=True)
+def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
+    """Take the quicker elbow when an episode begins, and set the handicaps of both."""
+    if not record.begun:
+        record.elbow = 1 if _time_to_posture(body, state, 1) < _time_to_posture(body, state, 0) else 0
+    for branch in range(2):
+        state.handicaps[branch] = 0.0 if branch == record.elbow else gains.elbow
+        if math.isnan(state.postures[branch, 0]):
+            state.handicaps[branch] = np.inf
+    if state.handicaps[0] == state.handicaps[1] == np.inf:  # out of reach: come to rest
+        for i in range(2):
+            stop = 0.5 * state.qd[i] * abs(state.qd[i]) / body.cruise[i]
+            state.postures[record.elbow, i] = min(body.ranges[i], max(-body.ranges[i], state.q[i] + stop))
+        state.handicaps[record.elbow] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _time_to_posture(body: Any, state: Any, branch: int) -> float:
+    if math.isnan(state.postures[branch, 0]):
+        return np.inf
+    return time_to(body, state.q[0], state.q[1], state.qd[0], state.qd[1], state.postures[branch])
