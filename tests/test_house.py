@@ -169,3 +169,21 @@ def test_an_environment_of_a_batch_is_not_a_lane() -> None:
     files = [*SOURCE.values(), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("tests/**/*.py")]
     lane = re.compile(r"\blanes?\b", flags=re.IGNORECASE)
     assert not [path for path in files if path.name != "test_house.py" and lane.search(path.read_text())]
+
+
+def test_the_tree_in_readme_exists() -> None:
+    _, tree = README.split("## How the code is laid out")
+    floor, shown = ROOT, []
+    for line in re.findall(r"^ {4,6}\S.*$", tree.split("\n\n")[2], flags=re.MULTILINE):
+        names = re.findall(r"[\w.]+/?", re.split(r" {2,}", line.strip())[0])
+        if line.startswith("      "):
+            shown += [floor / name for name in names]
+        else:
+            floor = ROOT / names[0]
+            shown += [ROOT / name for name in names]
+    assert len(shown) > 20
+    assert not [path for path in shown if not path.exists()]
+
+
+def test_the_citation_names_the_version() -> None:
+    assert f"version: {agents.__version__}" in (ROOT / "CITATION.cff").read_text()

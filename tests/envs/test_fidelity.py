@@ -1,5 +1,8 @@
 """The physics against independent references, with margins below what the README states."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -46,3 +49,15 @@ def test_placing_and_reading_agree() -> None:
     expected = q + fidelity.CONTROL_PERIOD * qd
     moved, _ = simulated.advance(np.zeros(2))
     assert moved == pytest.approx(expected, abs=1e-3)
+
+
+def test_readme_states_the_errors() -> None:
+    text = (Path(__file__).parents[2] / "README.md").read_text()
+    rows = re.findall(r"^\| (\S+) ms \| (.*) \| (\S+) rad \| (\S+) % \|$", text, flags=re.MULTILINE)
+    assert len(rows) == 3
+    for step, simulation, angle, energy in rows:
+        defaults = simulation != "planarm"
+        error = fidelity.two_link_error(1e-3 * float(step), pymunk_defaults=defaults)
+        assert error == pytest.approx(float(angle), rel=0.05)
+        share = fidelity.energy_error(1e-3 * float(step), pymunk_defaults=defaults)
+        assert 100.0 * share == pytest.approx(float(energy), rel=0.05)
