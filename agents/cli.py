@@ -39,11 +39,11 @@ COMMANDS = {
     ),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or go on with a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
-    "paper-dpct": Command("agents.papers.dpct", "PaperDpctOptions", "the conveyor-tracking paper's results again"),
-    "paper-lagrange": Command("agents.papers.lagrange", "PaperLagrangeOptions", "the torque paper's results again"),
-    "paper-apf": Command("agents.papers.apf.command", "PaperApfOptions", "the potential-field paper's results again"),
+    "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),
+    "paper-lagrange": Command("agents.papers.lagrange", "ReportOptions", "the minimal-torque paper's results"),
+    "paper-apf": Command("agents.papers.apf.command", "ReportOptions", "the potential-field paper's results"),
     "paper-excavator": Command(
-        "agents.papers.excavator.command", "PaperExcavatorOptions", "the payload paper's results again"
+        "agents.papers.excavator.command", "PaperExcavatorOptions", "the excavator paper's results"
     ),
 }
 

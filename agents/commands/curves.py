@@ -13,12 +13,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from agents.commands.paths import FORMATS
 from agents.evaluation.leaderboard import METRICS, Metric, primary_metric, shown_number
 from agents.figures.curves import draw_curves
-from agents.figures.paths import picture_bytes
+from agents.figures.sheet import FORMATS, image_bytes, new_sheet
 from agents.files import write_bytes
-from agents.papers.report import new_sheet
 from agents.training.learning_curves import Curve, Groups, check_alike, differing, grouped, read_curve
 from envs.settings import refuse_unknown
 
@@ -76,7 +74,7 @@ def run(options: CurvesOptions) -> int:
         console.print(f"Left out, without an evaluation yet: {_names(waiting)}.", soft_wrap=True)
     if options.plot is not None:
         sheet = draw_curves(groups, metrics, options.against)
-        write_bytes(options.plot, picture_bytes(sheet, options.plot.suffix.lower().removeprefix("."), options.dpi))
+        write_bytes(options.plot, image_bytes(sheet, options.plot.suffix, options.dpi, colors=256))
         Console(stderr=True).print(f"wrote {options.plot}", soft_wrap=True)
     return 0
 

@@ -13,14 +13,12 @@ from rich.table import Table
 
 from agents.evaluation.leaderboard import METRICS
 from agents.figures.episode_record import STORIES, Course, run_course
-from agents.figures.paths import draw_courses, picture_bytes
+from agents.figures.paths import draw_courses
+from agents.figures.sheet import FORMATS, image_bytes, new_sheet
 from agents.files import write_bytes
-from agents.papers.report import new_sheet, report_console
+from agents.papers.report import report_console
 from agents.policies.lookup import find_policy
 from envs.settings import refuse_unknown
-
-FORMATS = (".png", ".svg", ".pdf")
-"""File formats of pictures."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def run(options: PathsOptions) -> int:
     console.print(outcome_table(start, courses))
     if options.plot is not None:
         sheet = draw_courses(courses, start)
-        write_bytes(options.plot, picture_bytes(sheet, options.plot.suffix.lower().removeprefix("."), options.dpi))
+        write_bytes(options.plot, image_bytes(sheet, options.plot.suffix, options.dpi, colors=256))
         console.print(f"wrote {options.plot}")
     return 0
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.papers.report import new_sheet
+from agents.figures.sheet import new_sheet, rgb
 from envs.rendering import palette
 from envs.rendering.palette import Color
 from planners.typing import Array
@@ -86,7 +86,7 @@ def median_curve(curves: Sequence[Curve], key: str, against: str) -> tuple[Array
 
 
 def _draw_group(axes: Axes, label: str, curves: Sequence[Curve], metric: Metric, against: str, color: Color) -> None:
-    shade, seeds = _rgb(color), f"{len(curves)} seed" + ("s" if len(curves) > 1 else "")
+    shade, seeds = rgb(color), f"{len(curves)} seed" + ("s" if len(curves) > 1 else "")
     if len(curves) > 1:
         for curve in curves:
             values = _finite(metric.factor * curve.columns[metric.key])
@@ -100,7 +100,7 @@ def _draw_group(axes: Axes, label: str, curves: Sequence[Curve], metric: Metric,
 
 def _draw_experts(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
     """A dashed line for each value of a best expert; runs that are evaluated on the same episodes share it."""
-    ink = _rgb(palette.INK)
+    ink = rgb(palette.INK)
     levels = {(curve.expert, metric.factor * float(curve.columns[f"expert_{metric.key}"][-1])) for curve in curves}
     names = " or ".join(sorted({name for name, _ in levels}))
     for number, (_, level) in enumerate(sorted(levels)):
@@ -139,8 +139,3 @@ def _finish(axes: Axes, metric: Metric, against: str) -> None:
 def _finite(values: Array) -> Array:
     """Values with a gap where they are infinite."""
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def _rgb(color: Color) -> tuple[float, ...]:
-    """A colour as matplotlib takes it."""
-    return tuple(channel / 255.0 for channel in color)

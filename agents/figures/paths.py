@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.figures.episode_record import STORIES, Course
-from agents.papers.report import image_bytes, new_sheet
+from agents.figures.sheet import Rgb, new_sheet, rgb
 from envs.rendering import palette
 from envs.rendering.palette import Color, mix
 from planners.typing import Array
@@ -18,15 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Rgb = tuple[float, ...]
-
 WIDTH = 10.0
 """Of the picture, inches."""
 _LEFT, _RIGHT, _GAP = 0.5, 0.15, 0.2  # inches: margins, and between panels
 _TOP, _FOOT, _CURVES, _BOTTOM = 0.32, 0.32, 1.5, 0.45  # inches: from the top down
 _HEADING, _LINE = 0.15, 0.17  # inches: above a panel, and for each line of its title
 _INSTANTS = 5
-_PALETTE = 256  # colours of a PNG
 
 _COLORS: dict[str, Color] = {
     "dpct": palette.ACCENT,
@@ -69,29 +65,14 @@ def draw_courses(courses: Sequence[Course], start: str) -> Figure:
     if _rides(courses[0]):
         target = "squares: the part on its belt"
     text = f"{start}. Numbers: the same {_INSTANTS} instants in every panel; darker: later; {target}. Axes in metres."
-    sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=_rgb(palette.INK))
+    sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=rgb(palette.INK))
     return sheet
-
-
-def picture_bytes(sheet: Figure, file_format: str, dpi: int) -> bytes:
-    """The picture as a file; a PNG with a palette of few colours, which makes it small."""
-    content = image_bytes(sheet, file_format, dpi)
-    if file_format != "png":
-        return content
-    from PIL import Image
-
-    smaller = io.BytesIO()
-    with Image.open(io.BytesIO(content)) as picture:
-        picture.convert("RGB").quantize(_PALETTE, kmeans=3, dither=Image.Dither.NONE).save(
-            smaller, format="png", optimize=True
-        )
-    return smaller.getvalue()
 
 
 def _colors(courses: Sequence[Course]) -> list[Rgb]:
     """Known policies have colours of their own; the others take what is left."""
     others = iter(_OTHER_COLORS)
-    return [_rgb(_COLORS[course.policy] if course.policy in _COLORS else next(others)) for course in courses]
+    return [rgb(_COLORS[course.policy] if course.policy in _COLORS else next(others)) for course in courses]
 
 
 def _rides(course: Course) -> bool:
@@ -127,7 +108,7 @@ def _draw_panel(axes: Axes, course: Course, times: Array, color: Rgb, scale: flo
     shades = [course.t[sample] / times[-1] for sample in shown]
     if _rides(course):
         height = float(course.target[0, 1])
-        axes.axhspan(height - 0.5 * _BELT, height + 0.5 * _BELT, color=_rgb(palette.BORDER), zorder=1)
+        axes.axhspan(height - 0.5 * _BELT, height + 0.5 * _BELT, color=rgb(palette.BORDER), zorder=1)
     link = max(4.0, 2.0 * course.arm.link_radius * scale)
     labels = _labels(course, shown, times)
     for sample, shade, label in zip(shown, shades, labels, strict=True):
@@ -138,15 +119,15 @@ def _draw_panel(axes: Axes, course: Course, times: Array, color: Rgb, scale: flo
         _draw_arm(axes, course.joints[sample], shade, link)
     until = shown[-1] + 1
     for disc in range(len(course.radii)):
-        axes.plot(*course.discs[:until, disc].T, color=_rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
+        axes.plot(*course.discs[:until, disc].T, color=rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
     hand = course.joints[:until, -1]
     axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
     axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
     if _moves(course) and not _rides(course):
-        axes.plot(*course.target[:until].T, color=_rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
+        axes.plot(*course.target[:until].T, color=rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
     _label_hands(axes, course.joints[shown, -1], labels, color)
     if not _moves(course):
-        star = {"color": _rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
+        star = {"color": rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
         axes.plot(*course.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
     axes.set_title(f"{course.policy}: {course.outcome}", fontsize=10, color=color, fontweight="bold")
     axes.tick_params(labelsize=8)
@@ -172,7 +153,7 @@ def _labels(course: Course, shown: Sequence[int], times: Array) -> list[str]:
 
 
 def _draw_arm(axes: Axes, joints: Array, shade: float, width: float) -> None:
-    color = _rgb(mix(palette.BORDER, palette.LINK_BASE, 0.15 + 0.85 * shade))
+    color = rgb(mix(palette.BORDER, palette.LINK_BASE, 0.15 + 0.85 * shade))
     zorder = 3.0 + shade
     axes.plot(*joints.T, color=color, linewidth=width, solid_capstyle="round", solid_joinstyle="round", zorder=zorder)
     axes.plot(*joints[:-1].T, color="white", marker="o", markersize=2.6, linestyle="", zorder=zorder)
@@ -182,8 +163,8 @@ def _draw_part(axes: Axes, center: Array, shade: float, label: str) -> None:
     from matplotlib.patches import Rectangle
 
     corner = center - 0.5 * _PART
-    color = _rgb(mix(palette.PANEL, palette.WAITING, 0.15 + 0.85 * shade))
-    edge = _rgb(mix(palette.WAITING, palette.INK, 0.4))
+    color = rgb(mix(palette.PANEL, palette.WAITING, 0.15 + 0.85 * shade))
+    edge = rgb(mix(palette.WAITING, palette.INK, 0.4))
     axes.add_patch(Rectangle((corner[0], corner[1]), _PART, _PART, facecolor=color, edgecolor=edge, zorder=2))
     _write(axes, center + np.array([0.0, 0.75 * _PART]), label, edge, 8.5, 5.5)
 
@@ -191,9 +172,9 @@ def _draw_part(axes: Axes, center: Array, shade: float, label: str) -> None:
 def _draw_disc(axes: Axes, center: Array, radius: float, shade: float, label: str) -> None:
     from matplotlib.patches import Circle
 
-    color = _rgb(mix(palette.PANEL, palette.BAD, 0.15 + 0.85 * shade))
-    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=color, edgecolor=_rgb(palette.BAD), zorder=2))
-    _write(axes, center, label, _rgb(palette.INK), 9.0, 6.6)
+    color = rgb(mix(palette.PANEL, palette.BAD, 0.15 + 0.85 * shade))
+    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=color, edgecolor=rgb(palette.BAD), zorder=2))
+    _write(axes, center, label, rgb(palette.INK), 9.0, 6.6)
 
 
 def _label_hands(axes: Axes, hands: Array, labels: Sequence[str], color: Rgb) -> None:
@@ -221,22 +202,17 @@ def _draw_curves(axes: Axes, courses: Sequence[Course], times: Array, colors: Se
     tolerance = courses[0].tolerance
     if tolerance is not None:
         label = f"tolerance, {tolerance:g} mm"
-        axes.axhline(tolerance, color=_rgb(palette.MUTED), linestyle="--", linewidth=1.0, label=label)
+        axes.axhline(tolerance, color=rgb(palette.MUTED), linestyle="--", linewidth=1.0, label=label)
     if story.logarithmic:
         axes.set(yscale="log", ylim=(1e-3, None))
     for rank, time in enumerate(times):
-        axes.axvline(time, color=_rgb(palette.BORDER), linewidth=0.8, zorder=0)
+        axes.axvline(time, color=rgb(palette.BORDER), linewidth=0.8, zorder=0)
         number = axes.text(time, 1.0, str(rank + 1), transform=axes.get_xaxis_transform(), fontsize=7.5)
-        number.set(ha="center", va="center_baseline", color=_rgb(palette.INK))
-        number.set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": _rgb(palette.MUTED)})
+        number.set(ha="center", va="center_baseline", color=rgb(palette.INK))
+        number.set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": rgb(palette.MUTED)})
     axes.set(xlim=(-0.02 * until, 1.01 * until))
     axes.set_xlabel("time (s)", fontsize=9)
     axes.set_title(story.title, fontsize=9.5, pad=10, loc="left")
     axes.tick_params(labelsize=8)
     axes.legend(fontsize=8, ncols=5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.04), borderaxespad=0.0)
     axes.grid(alpha=0.2, axis="y")
-
-
-def _rgb(color: Color) -> Rgb:
-    """A colour as matplotlib takes it."""
-    return tuple(channel / 255.0 for channel in color)

@@ -1,20 +1,22 @@
 """`planarm paper-dpct`: the conveyor-tracking paper's results, published against regenerated.
 
-"Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee, M. S. Ko): its planner as
-:mod:`planners.dpct.paper` reads it, on its own clock and as a real motion, beside the optimal planner.
+"Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee, M. S. Ko): the paper's planner
+(:mod:`planners.dpct.paper`) as it plans on its own clock and as the arm moves in real time, beside the optimal planner.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from itertools import chain, groupby
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.table import Table
 
-from agents.papers.report import ReportOptions, image_bytes, name_axes, new_sheet, report_console, write_report
+from agents.figures.sheet import name_axes, new_sheet
+from agents.papers.report import Columns, Report, ReportOptions, joined, publish, tabulate
+from agents.tables import Table
 from planners import SCARA_1M, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 from planners.dpct.paper import (
     LITERAL,
@@ -27,6 +29,9 @@ from planners.dpct.paper import (
     signed_peak,
 )
 from planners.typing import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BELT_SPEED, HEADWAY, START, HEIGHT, LINE = 0.2, 0.1, -0.8, 1.732, 0.5  # m/s; m: section 5.1 of the paper
 GRIDS = ((30, 50), (50, 100), (100, 200))
@@ -52,32 +57,18 @@ CASES = {
 }
 
 
-_CAPTION = (
-    "t_a (s), peak torques (N m) and J (s) as the planner sees them, then of the motion on a real clock. Ratio: worst "
-    "torque, velocity or acceleration over its limit; / least: real J over the least J within the limits; lag: how "
-    "late the hand is at the end of the line."
-)
-
-
 @dataclass(frozen=True)
-class PaperDpctOptions(ReportOptions):
-    """Where to write the conveyor-tracking paper's results, its figures 4 to 8 among them."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One plan. Times in s, torques in N m (signed, the largest of each joint); None: there is no such thing.
+class PlanRow:
+    """One plan. Times in s, torques in N m (signed, the largest of each joint); None where there is no value.
 
     Attributes:
         case, planner, grid: what was planned and how.
         published_rendezvous_time, published_peak_torque: what the paper prints.
-        rendezvous_time: t_a as the planner sees it.
-        peak_torque: as the planner sees it.
-        cost: J as the planner sees it, s.
-        real_peak_torque, real_cost: of the motion on a real clock.
+        rendezvous_time, peak_torque, cost: t_a, torques and J (s) by the planner's clock.
+        real_peak_torque, real_cost: of the motion in real time.
         cost_ratio: real J over the least J of any motion within the case's limits.
-        limit_ratios: of the motion on a real clock, worst |value| / limit.
-        lag: how late the hand really is at the end of the line, s.
+        limit_ratios: of the motion in real time, worst |value| / limit.
+        lag: delay of the hand at the end of the line, in real time, s.
     """
 
     case: int
@@ -97,12 +88,12 @@ class Row:
 
 @dataclass(frozen=True)
 class ClockRow:
-    """The start of a literal plan: when the hand should go by the planner's clock and by a real one, both s.
+    """When the hand must start in a literal plan, by the planner's clock and in real time, s.
 
     Attributes:
         headway: D, m.
         case: 1 to 3.
-        own_start, real_start: below 0 the hand would have to go before t_0.
+        own_start, real_start: below 0, the hand would have to start before t_0.
         belt_travel: how far the part moves in the time missing by the planner's own clock, m.
     """
 
@@ -113,16 +104,11 @@ class ClockRow:
     belt_travel: float
 
 
-def run(options: PaperDpctOptions) -> None:
-    """Regenerate the paper's table and, when asked for, its figures.
-
-    Raises:
-        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
-    """
-    rows, clocks = list(plan_rows()), list(clock_rows())
-    report_console().print(_plan_table(rows), _clock_table(clocks))
-    document = {"plans": [asdict(row) for row in rows], "start_clocks": [asdict(row) for row in clocks]}
-    write_report(options, document, figure)
+def run(options: ReportOptions) -> None:
+    """Regenerate the paper's results: the entry point of the command."""
+    plans, clocks = list(plan_rows()), list(clock_rows())
+    table = tabulate("Published, regenerated, and moved in real time", plans, PLAN_COLUMNS, PLAN_CAPTION, 3)
+    publish(Report([table, _clock_table(clocks)], [], {"plans": plans, "start_clocks": clocks}, figure), options)
 
 
 def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
@@ -136,7 +122,7 @@ def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
     )
 
 
-def plan_rows() -> Iterator[Row]:
+def plan_rows() -> Iterator[PlanRow]:
     """Every case by the readings of the paper and by the optimal planner."""
     for case in CASES:
         least = least_cost(case)
@@ -163,11 +149,11 @@ def least_cost(case: int) -> float:
     return tracking_cost(motion)
 
 
-def _paper_row(case: int, reading: Reading, grid: tuple[int, int], least: float) -> Row:
+def _paper_row(case: int, reading: Reading, grid: tuple[int, int], least: float) -> PlanRow:
     problem, published = paper_problem(case), CASES[case]
     path = search_phase_plane(problem, grid=grid, reading=reading)
     motion = execute(problem, path)
-    return Row(
+    return PlanRow(
         case=case,
         planner=reading.name,
         grid=grid,
@@ -184,11 +170,11 @@ def _paper_row(case: int, reading: Reading, grid: tuple[int, int], least: float)
     )
 
 
-def _optimal_row(case: int, least: float, free_initial_acceleration: bool) -> Row:
+def _optimal_row(case: int, least: float, free_initial_acceleration: bool) -> PlanRow:
     motion = dpct.plan(paper_problem(case), free_initial_acceleration=free_initial_acceleration)
     cost = tracking_cost(motion)
     peak = tuple(signed_peak(motion.tau).tolist())
-    return Row(
+    return PlanRow(
         case=case,
         planner="optimal, a(t0) free" if free_initial_acceleration else "optimal",
         grid=None,
@@ -222,72 +208,52 @@ def clock_rows() -> Iterator[ClockRow]:
             yield ClockRow(headway, case, own, real, belt_travel=BELT_SPEED * path.clock_error)
 
 
-def _plan_table(rows: Iterable[Row]) -> Table:
-    table = Table(title="Published, regenerated, and what becomes of it on a real clock", caption=_CAPTION)
-    for column in ("case", "planner", "grid"):
-        table.add_column(column)
-    for column in (
-        "t_a",
-        "paper",
-        "peak torques",
-        "paper",
-        "J",
-        "real peak torques",
-        "ratio",
-        "real J",
-        "/ least",
-        "lag",
-    ):
-        table.add_column(column, justify="right")
-    for _, group in groupby(rows, key=lambda row: row.case):
-        for row in group:
-            table.add_row(*_plan_cells(row))
-        table.add_section()
-    return table
+PLAN_CAPTION = (
+    "t_a (s), peak torques (N m) and J (s) by the planner's clock, then of the motion in real time. Ratio: worst "
+    "torque, velocity or acceleration over its limit; / least: real J over the least J within the limits; lag: delay "
+    "of the hand at the end of the line."
+)
+PLAN_COLUMNS: Columns[PlanRow] = {
+    "case": lambda row: str(row.case),
+    "planner": lambda row: row.planner,
+    "grid": lambda row: f"{row.grid[0]}x{row.grid[1]}" if row.grid else "",
+    "t_a": lambda row: f"{row.rendezvous_time:.3f}",
+    "paper's t_a": lambda row: f"{row.published_rendezvous_time:.2f}" if row.published_rendezvous_time else "",
+    "peak torques": lambda row: joined(row.peak_torque, 3),
+    "paper's": lambda row: joined(row.published_peak_torque or (), 3),
+    "J": lambda row: f"{row.cost:.4f}",
+    "real peak torques": lambda row: joined(row.real_peak_torque, 3),
+    "ratio": lambda row: f"{ratio:.2f}" if (ratio := _worst_ratio(row)) else "",
+    "real J": lambda row: f"{row.real_cost:.4f}",
+    "/ least": lambda row: f"{row.cost_ratio:.2f}",
+    "lag": lambda row: f"{1e3 * row.lag:.0f} ms" if row.lag else "",
+}
 
 
-def _plan_cells(row: Row) -> Iterator[str]:
-    yield str(row.case)
-    yield row.planner
-    yield f"{row.grid[0]}x{row.grid[1]}" if row.grid else ""
-    yield f"{row.rendezvous_time:.3f}"
-    yield f"{row.published_rendezvous_time:.2f}" if row.published_rendezvous_time else ""
-    yield _pair(row.peak_torque)
-    yield _pair(row.published_peak_torque or ())
-    yield f"{row.cost:.4f}"
-    yield _pair(row.real_peak_torque)
-    ratio = max(row.limit_ratios[kind] for kind in ("torque", "velocity", "acceleration"))
-    yield f"{ratio:.2f}" if ratio else ""
-    yield f"{row.real_cost:.4f}"
-    yield f"{row.cost_ratio:.2f}"
-    yield f"{1e3 * row.lag:.0f} ms" if row.lag else ""
+def _worst_ratio(row: PlanRow) -> float:
+    return max(row.limit_ratios[kind] for kind in ("torque", "velocity", "acceleration"))
 
 
-def _pair(torques: Iterable[float]) -> str:
-    return " ".join(f"{torque:.3f}" for torque in torques)
-
-
-def _clock_table(rows: Iterable[ClockRow]) -> Table:
-    table = Table(
-        title=f"When the hand should go (literal, {MAIN_GRID[0]}x{MAIN_GRID[1]})",
-        caption="Own and real clock (s), below 0: before t_0. Belt (mm): its travel in the time the own clock lacks.",
-    )
-    table.add_column("D (m)", justify="right")
-    for case in CASES:
-        for column in (f"case {case}: own", "real", "belt"):
-            table.add_column(column, justify="right")
+def _clock_table(rows: Sequence[ClockRow]) -> Table:
+    headers = ["D (m)", *(f"case {case}: {column}" for case in CASES for column in ("own", "real", "belt"))]
+    lines = []
     for headway, group in groupby(rows, key=lambda row: row.headway):
-        cells = ((f"{row.own_start:+.3f}", f"{row.real_start:+.3f}", f"{1e3 * row.belt_travel:.0f}") for row in group)
-        table.add_row(f"{headway:+.2f}", *chain.from_iterable(cells))
-    return table
+        lines.append([f"{headway:+.2f}"])
+        for row in group:
+            lines[-1] += [f"{row.own_start:+.3f}", f"{row.real_start:+.3f}", f"{1e3 * row.belt_travel:.0f}"]
+    return Table(
+        f"When the hand must start (literal, {MAIN_GRID[0]}x{MAIN_GRID[1]})",
+        headers,
+        lines,
+        "Own and real time (s), below 0: before t_0. Belt (mm): its travel in the time missing by the own clock.",
+    )
 
 
-def figure(file_format: str, dpi: int) -> bytes:
-    """The paper's figures 4 to 8 from literal plans, on the search's own clock, as the bytes of an image file.
+def figure() -> Figure:
+    """The paper's figures 4 to 8 from literal plans, on the search's own clock.
 
     Raises:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-        ValueError: if matplotlib does not know the file format.
     """
     sheet = new_sheet(11.0, 15.0)
     grids, phases, hand, real, *joints = sheet.subplots(4, 2).flat
@@ -316,7 +282,7 @@ def figure(file_format: str, dpi: int) -> bytes:
     for joint, letter in enumerate("ab"):
         name_axes(joints[joint], f"Figure 7({letter}): velocity of joint {joint + 1}", "t (s)", "velocity (rad/s)")
         name_axes(joints[2 + joint], f"Figure 8({letter}): torque of joint {joint + 1}", "t (s)", "torque (N m)")
-    return image_bytes(sheet, file_format, dpi)
+    return sheet
 
 
 def _from_rest(path: PhasePath) -> tuple[Array, Array, Array, Array]:

@@ -1,24 +1,23 @@
 """`planarm paper-lagrange`: the minimal-torque paper's results, published against regenerated.
 
 "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (L.-P. Luo,
-S.-W. Hwang, C.-S. Han): its printed motions in two stated models, its searches as :mod:`planners.lagrange.paper` reads
-them, and the move from rest to rest that it is about, beside the optimal planner. In both models the links are uniform
-rods and the joint angles relative; with gravity, angle 0 is horizontal.
+S.-W. Hwang, C.-S. Han): its printed motions in two stated models, its searches (:mod:`planners.lagrange.paper`), and
+the move from rest to rest, beside the optimal planner. In both models the links are uniform rods and the joint angles
+relative; with gravity, angle 0 is horizontal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import groupby
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from rich.table import Table
 from scipy.integrate import cumulative_trapezoid
 
-from agents.papers.report import Fact, ReportOptions, image_bytes, name_axes, new_sheet, report_console, write_report
+from agents.figures.sheet import name_axes, new_sheet
+from agents.papers.report import Columns, Fact, Report, ReportOptions, joined, publish, tabulate
 from planners import PLANAR_3R, FixedJoints, MotionProblem, Trajectory, lagrange
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.lagrange.paper import (
@@ -32,14 +31,12 @@ from planners.lagrange.paper import (
 )
 from planners.typing import Array
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MODELS = {"gravity off": 0.0, "gravity on": 9.81}  # m/s^2
 PUBLISHED_PI: dict[Method, float] = {"lagrange": 69.6216, "polynomial": 145.4126}
 ALGORITHMS: dict[Method, str] = {"lagrange": "1, Lagrange", "polynomial": "2, polynomial"}
-
-
-@dataclass(frozen=True)
-class PaperLagrangeOptions(ReportOptions):
-    """Where to write the minimal-torque paper's results, its figures 2 to 9 among them."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class PublishedRow:
     """A motion the paper prints, in a stated model.
 
     Attributes:
-        model, algorithm: which.
+        model, algorithm: the model of the arm, and the paper's algorithm.
         published_pi: what the paper prints; its unit is not stated.
         pi1, pi2: integrals of the sum of abs(tau), N m s, and of tau^2, N^2 m^2 s.
         peak_torque: of each joint, N m.
@@ -86,22 +83,18 @@ class PlanRow:
     angle_ratio: float
 
 
-def run(options: PaperLagrangeOptions) -> None:
-    """Regenerate the paper's tables and, when asked for, its figures.
-
-    Raises:
-        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
-    """
+def run(options: ReportOptions) -> None:
+    """Regenerate the paper's results: the entry point of the command."""
     published, searches, moves = list(published_rows()), list(search_rows()), list(move_rows())
-    known = list(facts(published, searches))
-    console = report_console()
-    console.print(_published_table(published))
-    console.print(_plan_table("Least PI on the paper's grids; no velocity is fixed at the ends", searches))
-    console.print(_plan_table("The same move from rest to rest; gravity off: horizontal, on: vertical", moves))
-    for fact in known:
-        console.print(f"- {fact.statement}", highlight=False)
-    tables: dict[str, Sequence[Any]] = {"published": published, "searches": searches, "moves": moves, "facts": known}
-    write_report(options, {name: [asdict(row) for row in rows] for name, rows in tables.items()}, figure)
+    least = "Least PI on the paper's grids; no velocity is fixed at the ends"
+    same = "The same move from rest to rest; gravity off: horizontal, on: vertical"
+    tables = [
+        tabulate("The printed motions (Tables 2 to 4)", published, PUBLISHED_COLUMNS, PUBLISHED_CAPTION, 2),
+        tabulate(least, searches, PLAN_COLUMNS, PLAN_CAPTION, 2),
+        tabulate(same, moves, PLAN_COLUMNS, PLAN_CAPTION, 2),
+    ]
+    records: dict[str, Sequence[Any]] = {"published": published, "searches": searches, "moves": moves}
+    publish(Report(tables, list(facts(published, searches)), records, figure), options)
 
 
 def paper_problem(model: str = "gravity off") -> MotionProblem:
@@ -129,7 +122,7 @@ def published_rows() -> Iterator[PublishedRow]:
 
 
 def search_rows() -> Iterator[PlanRow]:
-    """The paper's searches as it states them."""
+    """The paper's searches, as stated."""
     for model in MODELS:
         problem = paper_problem(model)
         yield _plan_row(model, "1: Table 2's nodes", plan_paper(problem, nodes=PUBLISHED_TIMES))
@@ -166,17 +159,17 @@ def _plan_row(model: str, plan: str, found: Trajectory) -> PlanRow:
 
 
 def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Iterator[Fact]:
-    """What does not reproduce, or does not follow, with the numbers that show it."""
+    """Results that do not reproduce, or conclusions that do not follow, with the numbers that show it."""
     pi = {(row.model, row.algorithm): row.pi1 for row in published}
     least = {(row.model, row.plan): row.pi1 for row in searches}
     algorithm1, algorithm2 = ALGORITHMS.values()
-    lagrange_row = published[0]
+    first = published[0]  # algorithm 1 with gravity off
 
     ratios = {model: pi[model, algorithm2] / pi[model, algorithm1] for model in MODELS}
     ratio = PUBLISHED_PI["polynomial"] / PUBLISHED_PI["lagrange"]
     yield Fact(
         f"The published PI, {PUBLISHED_PI['lagrange']} and {PUBLISHED_PI['polynomial']} (ratio {ratio:.3f}), do not "
-        "come out of the printed motions. Which of the two is the less does: the ratio is "
+        "come out of the printed motions. Which of the two is smaller does: the ratio is "
         + ", ".join(f"{value:.3f} with {model}" for model, value in ratios.items())
         + ".",
         {"published_ratio": ratio, "ratios": ratios},
@@ -184,15 +177,15 @@ def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Ite
 
     sines = np.sin(np.radians([0.0, 15.0, 30.0, 45.0]))
     yield Fact(
-        f"Table 2 is not eq 7, which gives {_row(chebyshev_nodes(5), 4)}; its first four times are sin(0, 15, 30, 45 "
-        f"deg) = {_row(sines, 4)}, its last is {PUBLISHED_TIMES[-1]}.",
+        f"Table 2 is not eq 7, which gives {joined(chebyshev_nodes(5), 4)}; its first four times are sin(0, 15, 30, 45 "
+        f"deg) = {joined(sines, 4)}, its last is {PUBLISHED_TIMES[-1]}.",
         {"equation_7": chebyshev_nodes(5), "sines": sines, "table_2": PUBLISHED_TIMES},
     )
 
     yield Fact(
-        f"With the last node at {PUBLISHED_TIMES[-1]} s, Table 3's motion is at {_row(lagrange_row.end_angle, 4)} rad "
+        f"With the last node at {PUBLISHED_TIMES[-1]} s, Table 3's motion is at {joined(first.end_angle, 4)} rad "
         "at 1 s, not at the goal.",
-        {"end_angle": lagrange_row.end_angle},
+        {"end_angle": first.end_angle},
     )
 
     speeds = {row.algorithm: float(np.abs(row.start_velocity).max()) for row in published[:2]}
@@ -230,55 +223,46 @@ def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Ite
     )
 
 
-def _published_table(rows: Sequence[PublishedRow]) -> Table:
-    caption = "PI1 (N m s), PI2 (N^2 m^2 s), peak torques (N m), velocities (rad/s) and angles (rad) at 0 and 1 s"
-    table = Table(title="The printed motions (Tables 2 to 4) in two models", caption=caption)
-    for column in ("model", "algorithm"):
-        table.add_column(column)
-    for column in ("PI, paper", "PI1", "PI2", "peak torques", "start velocity", "end velocity", "end angle"):
-        table.add_column(column, justify="right")
-    for row in rows:
-        numbers = (f"{row.published_pi:.4f}", f"{row.pi1:.3f}", f"{row.pi2:.2f}", _row(row.peak_torque, 2))
-        ends = (_row(row.start_velocity, 2), _row(row.end_velocity, 2), _row(row.end_angle, 3))
-        table.add_row(row.model, row.algorithm, *numbers, *ends, end_section=row.algorithm != rows[0].algorithm)
-    return table
+PUBLISHED_CAPTION = "PI1 (N m s), PI2 (N^2 m^2 s), peak torques (N m), velocities (rad/s) and angles (rad) at 0 and 1 s"
+PUBLISHED_COLUMNS: Columns[PublishedRow] = {
+    "model": lambda row: row.model,
+    "algorithm": lambda row: row.algorithm,
+    "PI, paper": lambda row: f"{row.published_pi:.4f}",
+    "PI1": lambda row: f"{row.pi1:.3f}",
+    "PI2": lambda row: f"{row.pi2:.2f}",
+    "peak torques": lambda row: joined(row.peak_torque, 2),
+    "start velocity": lambda row: joined(row.start_velocity, 2),
+    "end velocity": lambda row: joined(row.end_velocity, 2),
+    "end angle": lambda row: joined(row.end_angle, 3),
+}
+PLAN_CAPTION = "1, 2: the paper's algorithms; ratio: worst value over the arm's limit"
+PLAN_COLUMNS: Columns[PlanRow] = {
+    "model": lambda row: row.model,
+    "plan": lambda row: row.plan,
+    "PI1": lambda row: f"{row.pi1:.3f}",
+    "PI2": lambda row: f"{row.pi2:.3f}",
+    "start speed": lambda row: f"{row.start_speed:.2f}",
+    "torque ratio": lambda row: f"{row.torque_ratio:.2f}",
+    "angle ratio": lambda row: f"{row.angle_ratio:.2f}",
+}
 
 
-def _plan_table(title: str, rows: Sequence[PlanRow]) -> Table:
-    table = Table(title=title, caption="1, 2: the paper's algorithms; ratio: worst value over the arm's limit")
-    for column in ("model", "plan"):
-        table.add_column(column)
-    for column in ("PI1", "PI2", "start speed", "torque ratio", "angle ratio"):
-        table.add_column(column, justify="right")
-    for _, group in groupby(rows, key=lambda row: row.model):
-        for row in group:
-            numbers = (f"{row.pi1:.3f}", f"{row.pi2:.3f}", f"{row.start_speed:.2f}")
-            table.add_row(row.model, row.plan, *numbers, f"{row.torque_ratio:.2f}", f"{row.angle_ratio:.2f}")
-        table.add_section()
-    return table
-
-
-def _row(values: Sequence[float] | Array, digits: int) -> str:
-    return " ".join(f"{value:.{digits}f}" for value in values)
-
-
-def figure(file_format: str, dpi: int) -> bytes:
-    """The paper's figures 2 to 9 from its printed motions, as an image file.
+def figure() -> Figure:
+    """The paper's figures 2 to 9 from its printed motions.
 
     Raises:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-        ValueError: if matplotlib does not know the file format.
     """
     sheet = new_sheet(13.0, 16.0)
     panels = sheet.subplots(5, 3)
     for model, style in zip(MODELS, ("-", "--"), strict=True):
-        for (method, algorithm), colour in zip(ALGORITHMS.items(), ("C0", "C1"), strict=True):
+        for (method, algorithm), color in zip(ALGORITHMS.items(), ("C0", "C1"), strict=True):
             found = published_motion(paper_problem(model), method)
-            look: dict[str, Any] = {"color": colour, "linestyle": style, "label": f"{algorithm}, {model}"}
+            look: dict[str, Any] = {"color": color, "linestyle": style, "label": f"{algorithm}, {model}"}
             for joint in range(3):
                 if model == "gravity off":  # the motion is the same in both
                     for row, values in enumerate((found.q, found.qd, found.qdd)):
-                        panels[row, joint].plot(found.t, values[:, joint], color=colour, label=algorithm)
+                        panels[row, joint].plot(found.t, values[:, joint], color=color, label=algorithm)
                 panels[3, joint].plot(found.t, found.tau[:, joint], **look)
             instant = np.abs(found.tau).sum(axis=1)
             panels[4, 0].plot(found.t, found.tau.sum(axis=1), **look)
@@ -287,17 +271,10 @@ def figure(file_format: str, dpi: int) -> bytes:
     for joint in range(3):
         for row, (name, unit) in enumerate((("angle", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"))):
             number = f"{joint + 4}" if row else f"2, 3, {joint + 4}"
-            name_axes(
-                panels[row, joint],
-                f"Figure {number}: {name} of joint {joint + 1}",
-                "t (s)",
-                f"{name} ({unit})",
-                fontsize="x-small",
-            )
-        name_axes(
-            panels[3, joint], f"Figure 7: torque of joint {joint + 1}", "t (s)", "torque (N m)", fontsize="x-small"
-        )
-    name_axes(panels[4, 0], "Figure 8: sum of the torques", "t (s)", "torque (N m)", fontsize="x-small")
-    name_axes(panels[4, 1], "Figure 9: PI at an instant (eq 6)", "t (s)", "PI (N m)", fontsize="x-small")
-    name_axes(panels[4, 2], "Not in the paper: PI up to t", "t (s)", "PI1 (N m s)", fontsize="x-small")
-    return image_bytes(sheet, file_format, dpi)
+            title = f"Figure {number}: {name} of joint {joint + 1}"
+            name_axes(panels[row, joint], title, "t (s)", f"{name} ({unit})")
+        name_axes(panels[3, joint], f"Figure 7: torque of joint {joint + 1}", "t (s)", "torque (N m)")
+    name_axes(panels[4, 0], "Figure 8: sum of the torques", "t (s)", "torque (N m)")
+    name_axes(panels[4, 1], "Figure 9: PI at an instant (eq 6)", "t (s)", "PI (N m)")
+    name_axes(panels[4, 2], "Not in the paper: PI up to t", "t (s)", "PI1 (N m s)")
+    return sheet

@@ -1,30 +1,33 @@
-"""What the commands that regenerate a paper's results have in common: options, facts, tables, JSON and figures."""
+"""What the commands that regenerate a paper's results share: options, tables, facts, JSON and figures."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 
+from agents.console import say
+from agents.figures.sheet import image_bytes
 from agents.files import write_bytes, write_json
+from agents.tables import Table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_TABLE_WIDTH = 160
+Record = TypeVar("Record")
+Columns = Mapping[str, Callable[[Record], str]]
+"""Headers, and what makes the cell of a record under each."""
 
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """Where to write a report."""
+    """Regenerate a paper's results; in a file or a pipe the tables are Markdown."""
 
     json: Path | None = None
-    """Write the tables to this file as JSON."""
+    """Write the results to this file as JSON."""
     plot: Path | None = None
     """Draw the paper's figures to this file; its suffix (.png, .svg, .pdf) decides the format."""
     dpi: int = 150
@@ -33,63 +36,62 @@ class ReportOptions:
 
 @dataclass(frozen=True)
 class Fact:
-    """Something about a paper that numbers show: a sentence, and the numbers in it by name."""
+    """A statement about a paper, and the numbers in it by name."""
 
     statement: str
     values: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A paper's results.
+
+    Attributes:
+        tables: to print.
+        facts: to print below the tables.
+        records: dataclass instances by the name they have in the JSON, where the facts follow them.
+        figure: draws the paper's figures; called only if a plot is asked for.
+    """
+
+    tables: Sequence[Table]
+    facts: Sequence[Fact]
+    records: Mapping[str, Sequence[Any]]
+    figure: Callable[[], Figure]
+
+
+def tabulate(
+    title: str, records: Iterable[Record], columns: Columns[Record], caption: str = "", text_columns: int = 1
+) -> Table:
+    """A table with a row for each record; see `agents.tables.Table` for the other arguments."""
+    rows = [[cell(record) for cell in columns.values()] for record in records]
+    return Table(title, list(columns), rows, caption, text_columns)
+
+
+def publish(report: Report, options: ReportOptions) -> None:
+    """Print a report; write its JSON and its figures if asked for.
+
+    Raises:
+        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
+    """
+    for table in report.tables:
+        table.show()
+    for fact in report.facts:
+        say(f"- {fact.statement}")
+    if options.json is not None:
+        records = {**report.records, **({"facts": report.facts} if report.facts else {})}
+        write_json(options.json, {name: [asdict(record) for record in found] for name, found in records.items()})
+    if options.plot is not None:
+        write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
 
 
 def report_console() -> Console:
     """Where a report is printed: in a file or a pipe wide enough that no cell is broken."""
     console = Console()
     if not console.is_terminal:
-        console.width = _TABLE_WIDTH
+        console.width = 160
     return console
 
 
-def write_report(options: ReportOptions, document: Mapping[str, Any], figure: Callable[[str, int], bytes]) -> None:
-    """Write the JSON and the figures that are asked for.
-
-    Args:
-        options: where to.
-        document: the content of the JSON file.
-        figure: draws the figures, given the file format (png, svg, pdf) and the resolution in dots per inch.
-
-    Raises:
-        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
-    """
-    if options.json is not None:
-        write_json(options.json, document)
-    if options.plot is not None:
-        write_bytes(options.plot, figure(options.plot.suffix.removeprefix("."), options.dpi))
-
-
-def new_sheet(width: float, height: float) -> Figure:
-    """An empty sheet for panels, inches.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError('plots need matplotlib: pip install "planarm[viz]"') from error
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def image_bytes(sheet: Figure, file_format: str, dpi: int) -> bytes:
-    """A sheet as an image file.
-
-    Raises:
-        ValueError: if matplotlib does not know the file format.
-    """
-    image = io.BytesIO()
-    sheet.savefig(image, format=file_format, dpi=dpi)
-    return image.getvalue()
-
-
-def name_axes(axes: Axes, title: str, x: str, y: str, fontsize: str = "small") -> None:
-    """Title, axis names, a faint grid and a legend for a panel."""
-    axes.set(title=title, xlabel=x, ylabel=y)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=fontsize)
+def joined(values: Iterable[float], digits: int) -> str:
+    """Numbers in one cell."""
+    return " ".join(f"{value:.{digits}f}" for value in values)

@@ -1,9 +1,34 @@
 from __future__ import annotations
 
 import builtins
+import json
+from contextlib import redirect_stdout
+from functools import cache
+from io import StringIO
 from typing import Any
 
 import pytest
+from paper_results import PaperResults, Regenerate
+
+from agents.cli import main
+
+QUICK = {"paper-excavator": ["--payloads", "0", "10", "--cycles", "1", "--rate", "40"]}
+
+
+@pytest.fixture(scope="session")
+def regenerate(tmp_path_factory: pytest.TempPathFactory) -> Regenerate:
+    """Runs a paper's command, each once in a session, with fewer random problems or cycles than by default."""
+
+    @cache
+    def run(command: str) -> PaperResults:
+        folder = tmp_path_factory.mktemp("paper") / "new"
+        files = ["--json", str(folder / "results.json"), "--plot", str(folder / "figures.png"), "--dpi", "20"]
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+            patch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 200)
+            assert main([command, *files, *QUICK.get(command, [])]) == 0
+        return PaperResults(folder, json.loads((folder / "results.json").read_text()), printed.getvalue())
+
+    return run
 
 
 @pytest.fixture

@@ -2,61 +2,29 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from paper_results import Regenerate
 
-from agents.cli import COMMANDS
-from agents.papers.apf.command import (
-    DISTANCES,
-    GOAL,
-    SCENES,
-    START,
-    WALLS,
-    PaperApfOptions,
-    figure,
-    paper_problem,
-    random_problems,
-    run,
-    scene_rows,
-)
-from agents.papers.apf.facts import facts, stable_distance
+from agents.papers.apf.facts import stable_distance
+from agents.papers.apf.runs import DISTANCES, GOAL, SCENES, START, WALLS, paper_problem, random_problems, scene_rows
 from planners.apf.hand_field import make_field
 from planners.apf.khatib import wall_slope
 
 
 @pytest.fixture(scope="module")
-def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 200)
-        run(PaperApfOptions(json=path))
-    assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content
-
-
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One random move."""
-    monkeypatch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 1)
-
-
-def test_the_command_is_there() -> None:
-    assert COMMANDS["paper-apf"].options_type() is PaperApfOptions
+def document(regenerate: Regenerate) -> dict[str, Any]:
+    return regenerate("paper-apf").document
 
 
 def test_every_table_is_complete(document: dict[str, Any]) -> None:
-    assert list(document) == ["scenes", "clearances", "random", "step_time", "facts"]
     kinds = [(distance, wall) for distance in DISTANCES for wall in WALLS.values()]
     scenes = [(row["scene"], row["distance"], row["wall"]) for row in document["scenes"]]
     assert scenes == [(scene, *kind) for scene in SCENES for kind in kinds]
     assert [(row["distance"], row["wall"]) for row in document["random"]] == kinds
-    assert len(document["facts"]) == 6
-    for row in document["scenes"] + document["random"] + document["facts"] + [document["step_time"]]:
+    for row in document["scenes"] + document["random"] + document["facts"]:
         assert all(value is not None for value in row.values())
 
 
@@ -99,14 +67,14 @@ def test_random_shares_add_up_and_it_is_the_links_that_are_hit(document: dict[st
 
 
 def test_steps_are_timed(document: dict[str, Any]) -> None:
-    step = document["step_time"]
+    step = document["facts"][0]["values"]
     assert step["published_budget"] == 1e-4
     assert step["field_per_arm"] > 0.0
     assert step["planner"] > 0.0
 
 
 def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
-    square, inverse, singular, start, measured, sampling = (fact["values"] for fact in document["facts"])
+    square, inverse, singular, start, measured, sampling = (fact["values"] for fact in document["facts"][1:])
     gains = make_field(square=False).gains
     assert square == {"printed": pytest.approx(gains.repulsion / (2.0 * gains.influence**2)), "khatib": 0.0}
     assert inverse["printed_within_1_mm"] < 0.01
@@ -125,32 +93,6 @@ def test_stable_distance_is_where_steps_stop_to_settle() -> None:
     nearest = stable_distance(gains, period)
     curvature = (wall_slope(gains, nearest + 1e-6) - wall_slope(gains, nearest - 1e-6)) / 2e-6
     assert period * (curvature + gains.attraction) == pytest.approx(2.0, rel=1e-6)
-
-
-def test_tables_and_facts_are_printed(
-    quick: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    run(PaperApfOptions())
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "local minimum" in printed
-    assert "the paper's budget is 100 us" in printed
-    for fact in facts(paper_problem()):
-        assert fact.statement in printed
-
-
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
-def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes, quick: None) -> None:
-    path = tmp_path / f"figures{suffix}"
-    run(PaperApfOptions(plot=path, dpi=20))
-    assert path.read_bytes().startswith(magic)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.usefixtures("without_matplotlib")
-def test_plot_without_matplotlib_says_what_to_install() -> None:
-    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
-        figure("png", 20)
 
 
 def test_random_problems_are_fair_and_repeat() -> None:

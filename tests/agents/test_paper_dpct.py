@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from paper_results import Regenerate
 
-from agents.papers.dpct import (
-    CASES,
-    GRIDS,
-    HEADWAYS,
-    PaperDpctOptions,
-    figure,
-    paper_problem,
-    plan_rows,
-    run,
-    tracking_cost,
-)
+from agents.papers.dpct import CASES, GRIDS, HEADWAYS, paper_problem, plan_rows, tracking_cost
 from planners.dpct.paper import MASS_SLIPS, plan_paper
 
 
 @pytest.fixture(scope="module")
-def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
-    run(PaperDpctOptions(json=path))
-    assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content
+def document(regenerate: Regenerate) -> dict[str, Any]:
+    return regenerate("paper-dpct").document
 
 
 def test_every_case_reading_and_grid_is_there(document: dict[str, Any]) -> None:
@@ -63,33 +48,9 @@ def test_optimal_plans_keep_their_limits_and_no_plan_beats_the_least_cost(docume
             assert plan["cost_ratio"] >= 0.999
 
 
-def test_tables_are_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    run(PaperDpctOptions())
-    printed = capsys.readouterr().out
-    assert MASS_SLIPS[0].name in printed
-    assert "-1.342 -0.406" in printed
-    assert "When the hand should go" in printed
-
-
 def test_tracking_cost_agrees_with_the_planners_own() -> None:
     motion = plan_paper(paper_problem(2))
     assert tracking_cost(motion) == pytest.approx(motion.cost, rel=1e-9)
-
-
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
-def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.papers.dpct.plan_rows", lambda: iter(()))
-    path = tmp_path / f"figures{suffix}"
-    run(PaperDpctOptions(plot=path, dpi=20))
-    assert path.read_bytes().startswith(magic)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.usefixtures("without_matplotlib")
-def test_plot_without_matplotlib_says_what_to_install() -> None:
-    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
-        figure("png", 20)
 
 
 def test_the_scenario_is_the_papers() -> None:

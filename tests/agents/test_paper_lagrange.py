@@ -2,51 +2,21 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from paper_results import Regenerate
 
-from agents.papers.lagrange import (
-    ALGORITHMS,
-    MODELS,
-    PaperLagrangeOptions,
-    PlanRow,
-    PublishedRow,
-    facts,
-    figure,
-    paper_problem,
-    published_rows,
-    run,
-    search_rows,
-)
+from agents.papers.lagrange import ALGORITHMS, MODELS, paper_problem
 
 
 @pytest.fixture(scope="module")
-def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    path = tmp_path_factory.mktemp("paper") / "new" / "table.json"
-    run(PaperLagrangeOptions(json=path))
-    assert [entry.name for entry in path.parent.iterdir()] == ["table.json"]
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content
-
-
-@pytest.fixture(scope="module")
-def rows() -> tuple[list[PublishedRow], list[PlanRow]]:
-    return list(published_rows()), list(search_rows())
-
-
-@pytest.fixture
-def searched(rows: tuple[list[PublishedRow], list[PlanRow]], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Searches done once, and no moves."""
-    monkeypatch.setattr("agents.papers.lagrange.search_rows", lambda: iter(rows[1]))
-    monkeypatch.setattr("agents.papers.lagrange.move_rows", lambda: iter(()))
+def document(regenerate: Regenerate) -> dict[str, Any]:
+    return regenerate("paper-lagrange").document
 
 
 def test_every_table_is_complete(document: dict[str, Any]) -> None:
-    assert list(document) == ["published", "searches", "moves", "facts"]
     printed = [(row["model"], row["algorithm"]) for row in document["published"]]
     assert printed == [(model, algorithm) for model in MODELS for algorithm in ALGORITHMS.values()]
     for table, plans in (
@@ -66,7 +36,6 @@ def test_every_table_is_complete(document: dict[str, Any]) -> None:
     ):
         assert [(row["model"], row["plan"]) for row in document[table]] == [(m, plan) for m in MODELS for plan in plans]
         assert all(value is not None for row in document[table] for value in row.values())
-    assert len(document["facts"]) == 6
 
 
 def test_published_numbers_stand_beside_regenerated_ones(document: dict[str, Any]) -> None:
@@ -104,34 +73,6 @@ def test_moves_are_from_rest_and_the_optimal_planner_keeps_the_limits(document: 
     # closed forms; sums of trapezoids half a millisecond wide agree with them to that
     assert [horizontal[plan]["pi1"] for plan in ("cubic", "quintic")] == pytest.approx([4.4, 5.5], abs=1e-5)
     assert [horizontal[plan]["pi2"] for plan in ("cubic", "quintic")] == pytest.approx([12.302, 17.574], abs=6e-4)
-
-
-@pytest.mark.usefixtures("searched")
-def test_tables_and_facts_are_printed(
-    rows: tuple[list[PublishedRow], list[PlanRow]], capsys: pytest.CaptureFixture[str]
-) -> None:
-    run(PaperLagrangeOptions())
-    printed = capsys.readouterr().out
-    assert "69.6216" in printed
-    assert "-0.85 9.45 -3.38" in printed
-    words = " ".join(printed.split())
-    for fact in facts(*rows):
-        assert fact.statement in words
-
-
-@pytest.mark.usefixtures("searched")
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF")])
-def test_plot_is_written(tmp_path: Path, suffix: str, magic: bytes) -> None:
-    path = tmp_path / f"figures{suffix}"
-    run(PaperLagrangeOptions(plot=path, dpi=20))
-    assert path.read_bytes().startswith(magic)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.usefixtures("without_matplotlib")
-def test_plot_without_matplotlib_says_what_to_install() -> None:
-    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
-        figure("png", 20)
 
 
 def test_the_scenario_is_the_papers() -> None:

@@ -1,26 +1,56 @@
-"""Drawings for the potential-field paper: its surfaces, arm and disc at several instants, clearances, the table."""
+"""The potential-field paper's figures 2 and 3, and beside them clearances and the distance table."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.papers.report import name_axes
+from agents.figures.sheet import name_axes, new_sheet
+from agents.papers.apf.runs import DISTANCES, SCENES, WALLS, paper_motion, paper_problem
 from planners import Arm, MotionProblem
 from planners.apf.distance_table import DistanceTable
+from planners.apf.hand_field import LOOK_AHEAD, Distance, make_field
 from planners.apf.khatib import Gains, potential
 from planners.apf.paper import FieldMotion, hand_goal
 from planners.typing import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import SubFigure
+    from matplotlib.figure import Figure, SubFigure
 
+INSTANTS = (0.0, 0.4, 0.8, 1.2, 1.6, 2.5)  # s: figure 3
+SURFACE_TIME = 1.0  # s: figure 2
 _GRID = 121  # points a side of a surface
 _LINK = 13.0  # points: the links as thick as they are, at the scale of figure 3
 _HIGHEST = 1.0  # m^2/s; the wall goes on above
+
+
+def figure() -> Figure:
+    """The paper's figures 2 and 3.
+
+    Raises:
+        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+    """
+    sheet = new_sheet(13.5, 13.0)
+    panels: Any = sheet.subfigures(3, 1, height_ratios=(1.0, 1.1, 0.8))
+    surfaces, scenes, curves = panels
+    draw_potentials(surfaces, paper_problem(), make_field().gains, time=SURFACE_TIME)
+    shown: tuple[tuple[str, Distance], ...] = (("crossing", "static"), ("crossing", "table"), ("elbow", "table"))
+    for axes, (scene, distance) in zip(scenes.subplots(1, 3), shown, strict=True):
+        title = f"Figure 3: {SCENES[scene].title}, {distance}"
+        draw_motion(axes, paper_problem(scene), paper_motion(scene, distance), title, INSTANTS)
+    crossing, other, table = curves.subplots(1, 3)
+    for axes, scene in ((crossing, "crossing"), (other, "crossing, other elbow")):
+        motions = {
+            f"{distance}, {WALLS[square]}": paper_motion(scene, distance, square)
+            for distance, square in itertools.product(DISTANCES, WALLS)
+        }
+        draw_clearances(axes, motions, scene.capitalize(), INSTANTS[-1])
+    draw_table(table, DistanceTable.looking_ahead(LOOK_AHEAD), (0.25, 0.5, 1.0, 2.0))
+    return sheet
 
 
 def draw_potentials(sheet: SubFigure, problem: MotionProblem, gains: Gains, time: float) -> None:
@@ -46,7 +76,7 @@ def draw_potentials(sheet: SubFigure, problem: MotionProblem, gains: Gains, time
 
 
 def draw_motion(axes: Axes, problem: MotionProblem, motion: FieldMotion, title: str, instants: Sequence[float]) -> None:
-    """Figure 3: the arm and the discs at some times (s), and the ways of hand and discs until the last of them."""
+    """Figure 3: the arm and the discs at some times (s), and the paths of hand and discs until the last of them."""
     from matplotlib import colormaps
 
     last = min(instants[-1], float(motion.t[-1]))
@@ -55,50 +85,43 @@ def draw_motion(axes: Axes, problem: MotionProblem, motion: FieldMotion, title: 
     hand = problem.arm.forward_kinematics(motion.q[:until])
     axes.plot(*hand.T, color="k", linewidth=1.2, zorder=4)
     for rank, time in enumerate(times):
-        colour = colormaps["viridis"](0.85 * (1.0 - rank / (len(times) - 1)))
+        color = colormaps["viridis"](0.85 * (1.0 - rank / (len(times) - 1)))
         index = min(int(np.searchsorted(motion.t, time)), len(motion.t) - 1)
-        _draw_arm(axes, problem.arm, motion.q[index], colour, f"{time:.2g} s")
+        _draw_arm(axes, problem.arm, motion.q[index], color, f"{time:.2g} s")
         for disc in problem.obstacles:
-            _draw_disc(axes, disc.position + time * disc.velocity, disc.radius, colour)
+            _draw_disc(axes, disc.position + time * disc.velocity, disc.radius, color)
     for disc in problem.obstacles:
         ends = np.stack([disc.position, disc.position + last * disc.velocity])
         axes.plot(*ends.T, color="k", linestyle=":", linewidth=1.0)
     axes.plot(*hand_goal(problem), marker="*", color="C3", markersize=12, linestyle="", zorder=5)
-    name_axes(axes, title, "x (m)", "y (m)", fontsize="x-small")
+    name_axes(axes, title, "x (m)", "y (m)")
     for line in axes.legend(fontsize="x-small", loc="lower left").get_lines():
         line.set_linewidth(5.0)
     axes.set(aspect="equal", xlim=(-0.6, 1.25), ylim=(-0.65, 1.05))
 
 
-def _draw_arm(axes: Axes, arm: Arm, q: Array, colour: Any, label: str) -> None:
+def _draw_arm(axes: Axes, arm: Arm, q: Array, color: Any, label: str) -> None:
     joints = arm.joint_positions(q)
-    axes.plot(*joints.T, color=colour, alpha=0.45, label=label, linewidth=_LINK, solid_capstyle="round", zorder=2)
-    axes.plot(*joints[:-1].T, color=colour, marker="o", markersize=3.5, linestyle="", zorder=3)
+    axes.plot(*joints.T, color=color, alpha=0.45, label=label, linewidth=_LINK, solid_capstyle="round", zorder=2)
+    axes.plot(*joints[:-1].T, color=color, marker="o", markersize=3.5, linestyle="", zorder=3)
 
 
-def _draw_disc(axes: Axes, center: Array, radius: float, colour: Any) -> None:
+def _draw_disc(axes: Axes, center: Array, radius: float, color: Any) -> None:
     from matplotlib.patches import Circle
 
-    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=(*colour[:3], 0.35), edgecolor=colour, zorder=3))
+    axes.add_patch(Circle((center[0], center[1]), radius, facecolor=(*color[:3], 0.35), edgecolor=color, zorder=3))
 
 
 def draw_clearances(axes: Axes, motions: Mapping[str, FieldMotion], title: str, until: float) -> None:
     """Clearance of the whole arm over time (s); a motion that ends in a collision ends in a cross."""
     styles = [("C0", "-"), ("C0", "--"), ("C1", "-"), ("C1", "--")]
-    for (name, motion), (colour, style) in zip(motions.items(), styles, strict=True):
+    for (name, motion), (color, style) in zip(motions.items(), styles, strict=True):
         shown = motion.t <= until
-        axes.plot(motion.t[shown], motion.clearance[shown], color=colour, linestyle=style, label=name)
+        axes.plot(motion.t[shown], motion.clearance[shown], color=color, linestyle=style, label=name)
         if motion.outcome == "collision":
-            axes.plot(
-                motion.t[-1],
-                motion.clearance[-1],
-                color=colour,
-                marker="x",
-                markersize=9,
-                markeredgewidth=2.0,
-                clip_on=False,
-            )
-    name_axes(axes, title, "t (s)", "clearance of the arm (m)", fontsize="x-small")
+            cross: dict[str, Any] = {"marker": "x", "markersize": 9, "markeredgewidth": 2.0, "clip_on": False}
+            axes.plot(motion.t[-1], motion.clearance[-1], color=color, **cross)
+    name_axes(axes, title, "t (s)", "clearance of the arm (m)")
     axes.set(ylim=(0.0, None), xlim=(0.0, until))
 
 
@@ -108,5 +131,5 @@ def draw_table(axes: Axes, table: DistanceTable, speeds: Sequence[float]) -> Non
     for speed in speeds:
         shifts = [table.shift(speed, direction) for direction in directions]
         axes.plot(np.degrees(directions), shifts, label=f"{speed:g} m/s")
-    name_axes(axes, "Eq 20: what the table adds to the distance", "direction (deg)", "shift (m)", fontsize="x-small")
+    name_axes(axes, "Eq 20: what the table adds to the distance", "direction (deg)", "shift (m)")
     axes.set(xticks=range(0, 181, 45))

@@ -1,4 +1,4 @@
-"""What comes out of the excavator paper, as sentences with the numbers that show it."""
+"""The results of the excavator paper as statements, with the numbers that show them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ POSTURES = 10_000
 
 
 def facts(payloads: Sequence[PayloadRow], rough: Sequence[PayloadRow]) -> Iterator[Fact]:
-    """Everything, from the rows of :mod:`agents.papers.excavator.runs`."""
+    """All facts, from the rows of :mod:`agents.papers.excavator.runs`."""
     if any(row.mass for row in payloads):
         yield adaptation(payloads)
         yield mass_estimate(payloads)
@@ -38,14 +38,14 @@ def facts(payloads: Sequence[PayloadRow], rough: Sequence[PayloadRow]) -> Iterat
 
 
 def adaptation(rows: Sequence[PayloadRow]) -> Fact:
-    """What learning buys, against controllers that do not learn: the worst over the payloads."""
+    """The gain of adaptation over controllers that do not adapt: the worst over the payloads."""
     (first, last), (_, last_integral) = (_shares(rows, DEFAULT, baseline) for baseline in (FIXED, INTEGRAL))
     integral = _shares(rows, INTEGRAL, FIXED)[1]
     return Fact(
         f"{DEFAULT.title}: the error of the joints is at most {_percent(first)} of that of computed torque in the "
         f"first cycle (wanted: 8 %) and {_percent(last)} in the last (0.5 %), and {_percent(last_integral)} of that of "
-        f"computed torque with an integral (5 %). The integral alone comes down to {_percent(integral)} of computed "
-        "torque: without it in the comparison, little is shown.",
+        f"computed torque with an integral (5 %). The integral alone has {_percent(integral)} of the error of computed "
+        "torque: a comparison without it shows little.",
         {
             "first_of_fixed": first,
             "last_of_fixed": last,
@@ -56,10 +56,10 @@ def adaptation(rows: Sequence[PayloadRow]) -> Fact:
 
 
 def mass_estimate(rows: Sequence[PayloadRow]) -> Fact:
-    """How well the payload is weighed."""
-    ours = [row for row in _of(rows, DEFAULT, NOMINAL) if row.mass]
-    first = max(abs(row.first.mass_estimate / row.mass - 1.0) for row in ours)
-    swing = max(row.last.mass_error / row.mass for row in ours)
+    """How well the mass of the payload is estimated."""
+    own = [row for row in _of(rows, DEFAULT, NOMINAL) if row.mass]
+    first = max(abs(row.first.mass_estimate / row.mass - 1.0) for row in own)
+    swing = max(row.last.mass_error / row.mass for row in own)
     return Fact(
         f"{DEFAULT.title}: after one cycle the mass is known within {_percent(first)} (wanted: 1 %); in the last it is "
         f"never farther off than {_percent(swing)}.",
@@ -68,9 +68,9 @@ def mass_estimate(rows: Sequence[PayloadRow]) -> Fact:
 
 
 def accuracy(rows: Sequence[PayloadRow]) -> Fact:
-    """The absolute errors of the last cycle, with no payload, too."""
-    ours = _of(rows, DEFAULT, NOMINAL)
-    joints, tip = max(row.last.joints for row in ours), max(row.last.tip for row in ours)
+    """The absolute errors of the last cycle, without a payload too."""
+    own = _of(rows, DEFAULT, NOMINAL)
+    joints, tip = max(row.last.joints for row in own), max(row.last.tip for row in own)
     return Fact(
         f"{DEFAULT.title}: in the last cycle at most {np.degrees(joints):.4f} deg (wanted: 0.02) and "
         f"{1e3 * tip:.2f} mm at the tip (1), whatever the payload.",
@@ -79,9 +79,9 @@ def accuracy(rows: Sequence[PayloadRow]) -> Fact:
 
 
 def rough_arm(rows: Sequence[PayloadRow]) -> Fact:
-    """With everything wrong at once."""
-    (_, share), ours = _shares(rows, DEFAULT, INTEGRAL, ALL_TOGETHER), _of(rows, DEFAULT, ALL_TOGETHER)
-    tip = max(row.last.tip for row in ours)
+    """With all differences between arm and model at once."""
+    (_, share), own = _shares(rows, DEFAULT, INTEGRAL, ALL_TOGETHER), _of(rows, DEFAULT, ALL_TOGETHER)
+    tip = max(row.last.tip for row in own)
     return Fact(
         f"{DEFAULT.title}, all together: at most {_percent(share)} of the error of computed torque with an integral "
         f"(wanted: a third), {1e3 * tip:.1f} mm at the tip (5).",
@@ -101,7 +101,7 @@ def wrong_centre(rows: Sequence[PayloadRow]) -> Fact:
 
 
 def round_trip() -> Fact:
-    """Inverse kinematics of random postures, every branch put through forward kinematics again."""
+    """Inverse kinematics of random postures, and forward kinematics of every branch."""
     q = _random_postures()
     tip, axis = forward_kinematics(q)
     branches = inverse_kinematics(tip, axis)
@@ -153,10 +153,10 @@ def _shares(
 ) -> tuple[float, float]:
     """Largest ratio of the joints' errors of two controllers over the payloads, in the first and in the last cycle."""
     pairs = zip(_of(rows, entry, case), _of(rows, baseline, case), strict=True)
-    loaded = [(ours, theirs) for ours, theirs in pairs if ours.mass]
+    loaded = [(own, other) for own, other in pairs if own.mass]
     return (
-        max(ours.first.joints / theirs.first.joints for ours, theirs in loaded),
-        max(ours.last.joints / theirs.last.joints for ours, theirs in loaded),
+        max(own.first.joints / other.first.joints for own, other in loaded),
+        max(own.last.joints / other.last.joints for own, other in loaded),
     )
 
 

@@ -1,4 +1,4 @@
-"""The runs behind `planarm paper-excavator`: every controller with every payload, and in an arm it knows badly."""
+"""The runs of the excavator paper: every controller with every payload, and on arms that differ from its model."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.simulation import Plant, Run, simulate
 from planners.typing import Array
 
+Progress = Callable[[], object]
+"""Called after every simulated cycle."""
 ROUGH_PAYLOADS = (2.0, 10.0)
-"""% of the rated load, in an arm that the controller knows badly."""
+"""% of the rated load, in the runs on arms that differ from the controller's model."""
 
 
 @dataclass(frozen=True)
 class NamedController:
-    """A controller and what it learns: see :func:`planners.excavator.controllers.make_controller`."""
+    """A controller and what it estimates: see :func:`planners.excavator.controllers.make_controller`."""
 
     title: str
     controller: str
@@ -43,13 +45,13 @@ FIXED, INTEGRAL, PAPER, DEFAULT = CONTROLLERS[1], CONTROLLERS[2], CONTROLLERS[3]
 
 @dataclass(frozen=True)
 class Case:
-    """How an arm differs from the one that the controller knows.
+    """How the simulated arm differs from the controller's model.
 
     Attributes:
-        title: what tables call it.
+        title: its name in tables.
         lag: of the actuators, s.
         noise: standard deviations of measured angle and velocity, rad and rad/s.
-        friction: factor on it.
+        friction: factor on the friction.
         offset: of the payload's centre, in the frame of link 5, m.
         links: factors on masses and inertias of the links.
     """
@@ -85,7 +87,7 @@ class CycleErrors:
     Attributes:
         position, velocity: of each joint, ``(5,)``, rad and rad/s.
         joints: of all five angles together, rad.
-        tip, tip_peak: distance of the tip from where it should be, and the largest, m.
+        tip, tip_peak: distance of the tip from the reference, and the largest, m.
         mass_error: largest absolute error of the estimated mass, kg.
         mass_estimate: at the end of the cycle, kg.
     """
@@ -104,10 +106,8 @@ class PayloadRow:
     """One controller with one payload.
 
     Attributes:
-        controller: its title.
-        case: of the arm.
-        percent: the payload, % of the rated load.
-        mass: the same, kg.
+        controller, case: titles of the controller and of the arm's case.
+        percent, mass: the payload, % of the rated load and kg.
         first, last: errors of the first and of the last cycle.
         torque_ratio: largest torque over its limit.
     """
@@ -123,7 +123,7 @@ class PayloadRow:
 
 @dataclass(frozen=True)
 class Trial:
-    """What all runs have in common: the machine, the number of cycles and the control period (s)."""
+    """What all runs share: the machine, the number of cycles and the control period (s)."""
 
     machine: Excavator = EXCAVATOR
     cycles: int = 3
@@ -134,9 +134,9 @@ class Trial:
         entry: NamedController,
         percents: Sequence[float],
         cases: Sequence[Case],
-        progress: Callable[[], object] = lambda: None,
+        progress: Progress = lambda: None,
     ) -> Run:
-        """One controller with a payload (%) and a case for each environment."""
+        """Simulate one controller with a payload (%) and a case for each environment."""
         shape = self.machine.payload
         pairs = list(zip(percents, cases, strict=True))
         plant = Plant.loaded(
@@ -148,11 +148,7 @@ class Trial:
             noise=np.array([case.noise for case in cases]),
         )
         controller = make_controller(
-            entry.controller,
-            moments=entry.moments,
-            rows=plant.rows,
-            period=self.period,
-            machine=self.machine,
+            entry.controller, moments=entry.moments, rows=plant.rows, period=self.period, machine=self.machine
         )
         return simulate(controller, plant, WORK_CYCLE, self.cycles, progress=progress)
 
@@ -161,9 +157,9 @@ class Trial:
         entry: NamedController,
         percents: Sequence[float],
         cases: Sequence[Case],
-        progress: Callable[[], object] = lambda: None,
+        progress: Progress = lambda: None,
     ) -> Iterator[PayloadRow]:
-        """The same, in numbers."""
+        """Errors of the same runs, a row for each environment."""
         run = self.follow(entry, percents, cases, progress)
         tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
         distance = np.linalg.norm(tip, axis=-1)
@@ -195,15 +191,13 @@ class Trial:
         )
 
 
-def payload_rows(
-    trial: Trial, percents: Sequence[float], progress: Callable[[], object] = lambda: None
-) -> Iterator[PayloadRow]:
-    """Every controller with every payload (%), in the arm that it knows."""
+def payload_rows(trial: Trial, percents: Sequence[float], progress: Progress = lambda: None) -> Iterator[PayloadRow]:
+    """Every controller with every payload (%), on the arm of its model."""
     for entry in CONTROLLERS:
         yield from trial.rows(entry, percents, [NOMINAL] * len(percents), progress)
 
 
-def rough_rows(trial: Trial, progress: Callable[[], object] = lambda: None) -> Iterator[PayloadRow]:
+def rough_rows(trial: Trial, progress: Progress = lambda: None) -> Iterator[PayloadRow]:
     """Every controller with `ROUGH_PAYLOADS` in every case."""
     for entry in CONTROLLERS:
         percents = [percent for percent in ROUGH_PAYLOADS for _ in CASES]

@@ -1,0 +1,67 @@
+"""A sheet: a matplotlib figure made without pyplot, the names of its axes, and the image file it becomes."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+from envs.rendering.palette import Color
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Rgb = tuple[float, ...]
+
+FORMATS = (".png", ".svg", ".pdf")
+"""File formats of pictures."""
+
+
+def new_sheet(width: float, height: float) -> Figure:
+    """An empty sheet for panels, inches.
+
+    Raises:
+        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError('plots need matplotlib: pip install "planarm[viz]"') from error
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def name_axes(axes: Axes, title: str, x: str, y: str) -> None:
+    """Give a panel a title, axis labels, a faint grid and a legend."""
+    axes.set(title=title, xlabel=x, ylabel=y)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="x-small")
+
+
+def image_bytes(sheet: Figure, suffix: str, dpi: int, *, colors: int | None = None) -> bytes:
+    """A sheet as an image file.
+
+    Args:
+        sheet: what to write.
+        suffix: of the file, which decides the format: one of ``FORMATS``.
+        dpi: resolution, dots per inch.
+        colors: reduce a PNG to a palette of this many colours, which makes the file small.
+
+    Raises:
+        ValueError: if matplotlib does not know the file format.
+    """
+    image = io.BytesIO()
+    sheet.savefig(image, format=suffix.lower().removeprefix("."), dpi=dpi)
+    if colors is None or suffix.lower() != ".png":
+        return image.getvalue()
+    from PIL import Image
+
+    smaller = io.BytesIO()
+    with Image.open(image) as picture:
+        reduced = picture.convert("RGB").quantize(colors, kmeans=3, dither=Image.Dither.NONE)
+        reduced.save(smaller, format="png", optimize=True)
+    return smaller.getvalue()
+
+
+def rgb(color: Color) -> Rgb:
+    """A colour as matplotlib takes it."""
+    return tuple(channel / 255.0 for channel in color)

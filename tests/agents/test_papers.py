@@ -1,0 +1,88 @@
+"""What the commands that regenerate a paper's results share: files, tables, facts and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from paper_results import Regenerate
+
+from agents.cli import COMMANDS
+from agents.figures.sheet import new_sheet
+from agents.papers import dpct, lagrange
+from agents.papers.apf import figures as apf_figures
+from agents.papers.excavator.figures import figure as excavator_figure
+from agents.papers.excavator.runs import Trial
+from agents.papers.report import Fact, Report, ReportOptions, publish, tabulate
+
+RECORDS = {
+    "paper-dpct": ["plans", "start_clocks"],
+    "paper-lagrange": ["published", "searches", "moves", "facts"],
+    "paper-apf": ["scenes", "clearances", "random", "facts"],
+    "paper-excavator": ["payloads", "rough", "facts"],
+}
+TABLES = {"paper-dpct": 2, "paper-lagrange": 3, "paper-apf": 2, "paper-excavator": 6}
+FACTS = {"paper-dpct": 0, "paper-lagrange": 6, "paper-apf": 7, "paper-excavator": 7}
+FIGURES = [dpct.figure, lagrange.figure, apf_figures.figure, lambda: excavator_figure(Trial(), [0.0])]
+every_paper = pytest.mark.parametrize("command", RECORDS)
+
+
+@dataclass(frozen=True)
+class Square:
+    side: float
+
+
+def small_report(facts: list[Fact]) -> Report:
+    squares = [Square(1.0), Square(2.0)]
+    table = tabulate("Squares", squares, {"side": lambda one: f"{one.side:g}", "area": lambda one: f"{one.side**2:g}"})
+    return Report([table], facts, {"squares": squares}, lambda: new_sheet(2.0, 2.0))
+
+
+def test_every_paper_has_a_command() -> None:
+    assert set(RECORDS) == {name for name in COMMANDS if name.startswith("paper-")}
+    assert all(issubclass(COMMANDS[name].options_type(), ReportOptions) for name in RECORDS)
+
+
+@every_paper
+def test_the_files_are_written_and_no_draft_is_left(regenerate: Regenerate, command: str) -> None:
+    results = regenerate(command)
+    assert sorted(path.name for path in results.folder.iterdir()) == ["figures.png", "results.json"]
+    assert (results.folder / "figures.png").read_bytes().startswith(b"\x89PNG")
+    assert list(results.document) == RECORDS[command]
+    assert all(results.document.values())
+    assert len(results.document.get("facts", [])) == FACTS[command]
+
+
+@every_paper
+def test_tables_and_facts_are_printed_as_markdown(regenerate: Regenerate, command: str) -> None:
+    results = regenerate(command)
+    assert results.printed.count("### ") == TABLES[command]
+    for fact in results.document.get("facts", []):
+        assert f"\n- {fact['statement']}\n" in results.printed
+        assert fact["values"]
+
+
+@pytest.mark.usefixtures("without_matplotlib")
+@pytest.mark.parametrize("figure", FIGURES)
+def test_figures_without_matplotlib_say_what_to_install(figure: Callable[[], object]) -> None:
+    with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
+        figure()
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
+def test_the_suffix_decides_the_format_of_the_figures(tmp_path: Path, suffix: str, magic: bytes) -> None:
+    publish(small_report([]), ReportOptions(plot=tmp_path / f"figures{suffix}", dpi=20))
+    assert (tmp_path / f"figures{suffix}").read_bytes().startswith(magic)
+
+
+def test_a_figure_is_drawn_only_if_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = small_report([Fact("The second is larger.", {"ratio": 4.0})])
+    publish(
+        Report(report.tables, report.facts, report.records, lambda: pytest.fail("drawn")),
+        ReportOptions(json=tmp_path / "results.json"),
+    )
+    printed = capsys.readouterr().out
+    assert "|2   |   4|" in printed
+    assert printed.endswith("- The second is larger.\n")
