@@ -1,6 +1,6 @@
-"""The quintic: the smoothest polynomial from rest to rest, and the yardstick of every better one.
+"""The quintic move from rest to rest, ``q(t) = q0 + (qf - q0) (10 s^3 - 15 s^4 + 6 s^5)`` with ``s = t / T``.
 
-``q(t) = q0 + (qf - q0) (10 s^3 - 15 s^4 + 6 s^5)`` with ``s = t / T``: velocity and acceleration vanish at both ends.
+The baseline of planners that minimise torque.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
+from planners.motion.time_laws import quintic_motion
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 SAMPLES = 200
-"""Intervals of time into which a motion is divided where its torque is integrated or checked."""
+"""Intervals of a motion over which its torque is integrated and its limits checked."""
 
 
 def plan(problem: MotionProblem) -> Trajectory:
@@ -25,8 +26,8 @@ def plan(problem: MotionProblem) -> Trajectory:
         problem: with a target in joint angles and a start at rest.
 
     Returns:
-        The trajectory; its cost is PI1, the integral of the summed absolute torques, N m s. Limits are not looked at:
-        ``limit_ratios`` tells.
+        The trajectory; its cost is PI1, the integral of the summed absolute torques, N m s. Limits are not
+        enforced; see ``limit_ratios``.
 
     Raises:
         Infeasible: with reason ``start`` if the start moves.
@@ -39,9 +40,7 @@ def plan(problem: MotionProblem) -> Trajectory:
         raise Infeasible("start", f"a quintic from rest to rest cannot start at {qd0} rad/s", qd=qd0)
     change = problem.target.q - problem.q
     s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
-    q = q0 + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    qd = change / problem.horizon * 30.0 * s**2 * (1.0 - s) ** 2
-    qdd = change / problem.horizon**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+    q, qd, qdd = quintic_motion(q0, change, problem.horizon, s)
     t = problem.horizon * s[:, 0]
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=problem.horizon, planner="quintic")
     return replace(trajectory, cost=float(np.trapezoid(np.abs(trajectory.tau).sum(axis=1), t)))
@@ -57,10 +56,7 @@ def quintic_effort(coupling: Array, weight: Array, q0: Array, qf: Array, duratio
     for sample in range(SAMPLES + 1):
         s = sample / SAMPLES
         for i in range(n):
-            change = qf[i] - q0[i]
-            q[i] = q0[i] + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-            qd[i] = change / duration * 30.0 * s**2 * (1.0 - s) ** 2
-            qdd[i] = change / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+            q[i], qd[i], qdd[i] = quintic_motion(q0[i], qf[i] - q0[i], duration, s)
         inverse_dynamics_single(coupling, weight, q, qd, qdd, tau)
         for i in range(n):
             peak[i] = max(peak[i], abs(tau[i]))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from agents.training.recipe import Amortisation, TrainingConfig
 from envs.min_torque_move.env import MinTorqueMove
 from envs.min_torque_move.kernels import SHAPE_SCALE
-from planners.motion.rest_curve import SHAPES, shape_functions
+from planners.motion.time_laws import SHAPES, quintic, shape_functions
 from planners.typing import Array
 
 _N_ENVS = 1024
@@ -33,7 +33,7 @@ _LINES = 20
 
 
 class MoveCost:
-    """Cost of motions for observations of their starts, in torch; see `planners.motion.rest_curve` for the motions.
+    """Cost of motions for observations of their starts, in torch; see `planners.motion.time_laws` for the motions.
 
     Args:
         task: of the moves.
@@ -42,14 +42,13 @@ class MoveCost:
     def __init__(self, task: MinTorqueMove) -> None:
         share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         s = 0.5 * (1.0 - np.cos(np.pi * share))
-        way = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
         units = SHAPE_SCALE / np.arange(1, SHAPES + 1)
         coupling, weight = task.arm.chain_constants
         limits = task.arm.limits
         self._layout = task.layout
         self._weights = _tensor(0.5 * np.pi * np.sin(np.pi * share) / _SAMPLES)[:, None]
         self._shapes = _tensor(units[:, None] * shape_functions(s))
-        self._ways = _tensor(np.stack([way(s), way.deriv()(s), way.deriv(2)(s)]))
+        self._ways = _tensor(np.stack(quintic(s)))
         self._coupling, self._weight = _tensor(coupling), _tensor(weight)
         self._torques = _tensor((1.0 - _TORQUE_ROOM) * np.array(limits.torque))
         self._ranges = _tensor((1.0 - _RANGE_ROOM) * np.array(limits.angle))

@@ -20,7 +20,7 @@ from envs.settings import Settings
 from envs.task import Options, Task, TaskSettings
 from planners import PLANAR_3R, FixedJoints, Infeasible, MotionProblem, lagrange, quintic
 from planners.control import Gains
-from planners.motion.rest_curve import SHAPES
+from planners.motion.time_laws import SHAPES
 from planners.robot.arm import Arm
 
 Angles = tuple[float, float, float]
@@ -233,7 +233,7 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
     * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
     * `"motion"`: {SHAPES} coefficients for each joint in turn, in units of {SHAPE_SCALE:g}, {SHAPE_SCALE:g}/2, ...
-      rad, which bend the quintic from start to goal (`planners.motion.rest_curve`). The first action of an episode is
+      rad, which bend the quintic from start to goal (`planners.motion.time_laws`). The first action of an episode is
       the whole motion: computed torque follows it to the end, and later actions are not looked at.
       No expert acts in this mode.
 

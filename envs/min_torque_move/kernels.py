@@ -11,7 +11,7 @@ from numba import njit
 from envs.physics.actuation import apply_action
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
 from planners.control import held_torque_single
-from planners.motion.rest_curve import SHAPES, rest_curve_single
+from planners.motion.time_laws import SHAPES, rest_curve_single
 from planners.quintic import quintic_effort
 from planners.typing import Array
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planners.motion.time_laws import quintic
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.arm import Arm
 from planners.robot.presets import PLANAR_3R
@@ -29,9 +30,7 @@ SHORTEST = 0.2
 
 _TRIES = 1000
 _S = np.linspace(0.0, 1.0, 33)
-_QUINTIC = _S**3 * (10.0 + _S * (-15.0 + 6.0 * _S))
-_SPEED = 30.0 * (_S * (1.0 - _S)) ** 2
-_ACCELERATION = 60.0 * _S * (1.0 - _S) * (1.0 - 2.0 * _S)
+_QUINTIC, _SPEED, _ACCELERATION = quintic(_S)
 
 
 class Move(NamedTuple):

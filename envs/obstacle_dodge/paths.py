@@ -17,9 +17,9 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numba import njit
 
+from planners.motion.time_laws import trapezoid, trapezoid_share
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.clearance import clearance_single
-from planners.trapezoid import share_at, trapezoid
 from planners.typing import Array
 
 Kind = Literal["waypoints", "passes", "wander"]
@@ -64,7 +64,7 @@ LEAD_ITERATIONS = 6
 
 
 class StraightMove(NamedTuple):
-    """A two-link arm that moves straight to its goal in joint space; see `planners.trapezoid`.
+    """A two-link arm that moves straight to its goal in joint space; see `planners.motion.time_laws.trapezoid`.
 
     Attributes:
         lengths: of the links, ``(2,)``, m.
@@ -167,7 +167,7 @@ def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y
     at_x = at_y = 0.0
     arrival = now
     for _ in range(LEAD_ITERATIONS):
-        share = share_at(move.top, move.ramp, arrival)
+        share = trapezoid_share(move.top, move.ramp, arrival)
         inner = move.start[0] + share * move.change[0]
         outer = inner + move.start[1] + share * move.change[1]
         upper, fore = min(point, 1.0) * move.lengths[0], max(point - 1.0, 0.0) * move.lengths[1]

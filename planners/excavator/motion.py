@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.motion.time_laws import quintic_motion
 from planners.typing import Array
 
 
@@ -46,10 +47,7 @@ class Cycle:
         s = np.clip((time - ends[leg] + self.durations[leg])[:, None] / duration, 0.0, 1.0)
         start = self.postures[leg]
         change = self.postures[(leg + 1) % len(self.postures)] - start
-        q = start + change * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        qd = change / duration * 30.0 * s**2 * (1.0 - s) ** 2
-        qdd = change / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-        return q, qd, qdd
+        return quintic_motion(start, change, duration, s)
 
 
 WORK_CYCLE = Cycle(

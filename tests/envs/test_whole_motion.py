@@ -11,7 +11,7 @@ import pytest
 import envs
 from agents import evaluate
 from planners import PLANAR_3R
-from planners.motion.rest_curve import SHAPES, shape_functions
+from planners.motion.time_laws import SHAPES, shape_functions
 from planners.typing import Array
 
 ENV = "MinTorqueMove-v0"

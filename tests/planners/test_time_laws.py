@@ -1,4 +1,4 @@
-"""Curves from rest to rest, against polynomials of NumPy and finite differences."""
+"""Time laws from rest to rest against polynomials of NumPy and finite differences."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.motion.rest_curve import SHAPES, rest_curve_single, shape_functions
+from planners.motion.time_laws import SHAPES, quintic, quintic_motion, rest_curve_single, shape_functions
 from planners.typing import Array
 
 START, GOAL, DURATION = np.array([0.1, -2.0, 0.5]), np.array([1.0, 2.0, 0.5]), 0.8
@@ -16,6 +16,17 @@ def curve(coefficients: Array, t: float) -> tuple[Array, Array]:
     q, qd = np.empty(3), np.empty(3)
     rest_curve_single(coefficients, START, GOAL, DURATION, t, q, qd)
     return q, qd
+
+
+def test_the_quintic_and_its_derivatives() -> None:
+    s = np.linspace(0.0, 1.0, 9)
+    polynomial = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+    for order, values in enumerate(quintic(s)):
+        np.testing.assert_allclose(values, polynomial.deriv(order)(s), atol=1e-14)
+    motion = quintic_motion(START, GOAL - START, DURATION, s[:, None])
+    for order, (start, values) in enumerate(zip((START, 0.0, 0.0), motion, strict=True)):
+        expected = start + polynomial.deriv(order)(s)[:, None] * (GOAL - START) / DURATION**order
+        np.testing.assert_allclose(values, expected, atol=1e-12)
 
 
 def test_without_coefficients_it_is_the_quintic() -> None:
