@@ -12,8 +12,8 @@ from rich import box
 from rich.table import Table
 
 from agents.evaluation.leaderboard import METRICS
-from agents.figures.episode_record import STORIES, Course, run_course
-from agents.figures.paths import draw_courses
+from agents.figures.episode_record import EpisodeRecord, picture_of, record_episode
+from agents.figures.paths import draw_paths
 from agents.figures.sheet import FORMATS, image_bytes, new_sheet
 from agents.files import write_bytes
 from agents.papers.report import report_console
@@ -60,33 +60,33 @@ def run(options: PathsOptions) -> int:
     _check(options)
     policies = [find_policy(name, options.env) for name in options.policies]
     scenario = {"scenario": options.scenario}
-    courses = [run_course(options.env, named, options.seed, scenario) for named in policies]
+    records = [record_episode(options.env, named, options.seed, scenario) for named in policies]
     console = report_console()
     start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
-    console.print(outcome_table(start, courses))
+    console.print(outcome_table(start, records))
     if options.plot is not None:
-        sheet = draw_courses(courses, start)
+        sheet = draw_paths(records, start)
         write_bytes(options.plot, image_bytes(sheet, options.plot.suffix, options.dpi, colors=256))
         console.print(f"wrote {options.plot}")
     return 0
 
 
-def outcome_table(title: str, courses: Sequence[Course]) -> Table:
+def outcome_table(title: str, records: Sequence[EpisodeRecord]) -> Table:
     """What became of each policy, with the numbers of the leaderboard."""
     table = Table("policy", "outcome", title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    metrics = [metric for metric in METRICS[courses[0].env_id] if metric.key != "collision"]
+    metrics = [metric for metric in METRICS[records[0].env_id] if metric.key != "collision"]
     for heading in (*(metric.title for metric in metrics), "limit ratio", "return"):
         table.add_column(heading, justify="right")
-    for course in courses:
-        numbers = [f"{metric.factor * course.info[metric.key]:.6g}" for metric in metrics]
-        outcome = course.outcome.replace("\n", " ")
-        last = (f"{course.info[key]:.6g}" for key in ("limit_ratio", "return"))
-        table.add_row(course.policy, outcome, *numbers, *last)
+    for record in records:
+        numbers = [f"{metric.factor * record.info[metric.key]:.6g}" for metric in metrics]
+        outcome = record.outcome.replace("\n", " ")
+        last = (f"{record.info[key]:.6g}" for key in ("limit_ratio", "return"))
+        table.add_row(record.policy, outcome, *numbers, *last)
     return table
 
 
 def _check(options: PathsOptions) -> None:
-    refuse_unknown([options.env], STORIES, "environment")
+    picture_of(options.env)
     if not 1 <= len(options.policies) <= 4:
         raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
     if options.seed < 0:

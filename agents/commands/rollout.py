@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import gymnasium as gym
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from agents.evaluation.evaluate import Policy, PolicyMaker, as_policy, known_env_ids
+from agents.evaluation.evaluate import known_env_ids
+from agents.figures.episode_record import play
 from agents.figures.film import Film, require_recordable
 from agents.policies.lookup import find_policy
 from agents.yaml_config import assigned
@@ -79,32 +79,18 @@ def run(options: RolloutOptions) -> int:
     console = Console()
     with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
         film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
-        info = play(env, named.policy, options.seed, {"scenario": options.scenario}, film)
+        rate = float(env.metadata["render_fps"])
+
+        def take(steps: int, ended: bool) -> None:
+            if film is not None:
+                film.take(steps / rate, env.render, last=ended)
+
+        info = play(env, named.policy, options.seed, {"scenario": options.scenario}, take)
     console.print(info_table(f"{options.env}, {options.policy}, seed {options.seed}", info))
     if film is not None and options.record is not None:
         film.write(options.record)
         console.print(f"wrote {options.record}")
     return 0
-
-
-def play(
-    env: gym.Env[Any, Any], policy: Policy | PolicyMaker | str, seed: int, reset_options: Info, film: Film | None = None
-) -> Info:
-    """Run one episode of a policy; the last info, with the return and the length of the episode."""
-    acting = as_policy(policy, env)
-    observation, info = env.reset(seed=seed, options=reset_options)
-    rate = float(env.metadata["render_fps"])
-    state, begins, steps, total, ended = None, np.ones(1, dtype=bool), 0, 0.0, False
-    while not ended:
-        if film is not None:
-            film.take(steps / rate, env.render)
-        actions, state = acting.predict(observation[None], state=state, episode_start=begins, deterministic=True)
-        observation, reward, terminated, truncated, info = env.step(actions[0])
-        begins, steps, total = np.zeros(1, dtype=bool), steps + 1, total + float(reward)
-        ended = terminated or truncated
-    if film is not None:
-        film.take(steps / rate, env.render, last=True)
-    return {"return": total, "length": steps, **info}
 
 
 def info_table(title: str, info: Info) -> Table:

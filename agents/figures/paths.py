@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.figures.episode_record import STORIES, Course
+from agents.figures.episode_record import EpisodeRecord
 from agents.figures.sheet import Rgb, new_sheet, rgb
 from envs.rendering import palette
 from envs.rendering.palette import Color, mix
@@ -35,121 +35,121 @@ _BELT, _PART = 0.18, 0.07  # m: width of the belt, side of the part
 _BELOW_BELT = 0.3  # m: how much of the arm is shown beside the belt
 
 
-def draw_courses(courses: Sequence[Course], start: str) -> Figure:
-    """The picture of policies that all had the same start, which ``start`` names.
+def draw_paths(records: Sequence[EpisodeRecord], start: str) -> Figure:
+    """The picture of the paths that policies take from the same start, which ``start`` names.
 
     Raises:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
     """
-    times = np.linspace(0.0, max(course.arrival for course in courses), _INSTANTS)
-    left, right, bottom, top = _view(courses, times)
-    columns = 2 if len(courses) in (2, 4) else len(courses)
-    rows = -(-len(courses) // columns)
+    times = np.linspace(0.0, max(record.arrival for record in records), _INSTANTS)
+    left, right, bottom, top = _view(records, times)
+    columns = 2 if len(records) in (2, 4) else len(records)
+    rows = -(-len(records) // columns)
     width = (WIDTH - _LEFT - _RIGHT - (columns - 1) * _GAP) / columns
     height = width * (top - bottom) / (right - left)
-    heading = _HEADING + _LINE * max(len(course.outcome.splitlines()) for course in courses)
+    heading = _HEADING + _LINE * max(len(record.outcome.splitlines()) for record in records)
     row = heading + height + _FOOT
     total = _TOP + rows * row + _HEADING + _LINE + _CURVES + _BOTTOM
     sheet = new_sheet(WIDTH, total)
     sheet.set_layout_engine("none")  # panels of equal scale, placed to the inch
-    colors = _colors(courses)
-    for place, (course, color) in enumerate(zip(courses, colors, strict=True)):
+    colors = _colors(records)
+    for place, (record, color) in enumerate(zip(records, colors, strict=True)):
         x, y = _LEFT + place % columns * (width + _GAP), _TOP + place // columns * row + heading
         axes = sheet.add_axes((x / WIDTH, 1.0 - (y + height) / total, width / WIDTH, height / total))
         axes.set(xlim=(left, right), ylim=(bottom, top))
-        _draw_panel(axes, course, times, color, 72.0 * width / (right - left))
+        _draw_panel(axes, record, times, color, 72.0 * width / (right - left))
         axes.tick_params(labelleft=place % columns == 0)
     axes = sheet.add_axes((_LEFT / WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / WIDTH, _CURVES / total))
-    _draw_curves(axes, courses, times, colors)
-    target = "dotted: the reference" if _moves(courses[0]) else "star: the goal"
-    if _rides(courses[0]):
+    _draw_curves(axes, records, times, colors)
+    target = "dotted: the reference" if _moves(records[0]) else "star: the goal"
+    if _rides(records[0]):
         target = "squares: the part on its belt"
     text = f"{start}. Numbers: the same {_INSTANTS} instants in every panel; darker: later; {target}. Axes in metres."
     sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=rgb(palette.INK))
     return sheet
 
 
-def _colors(courses: Sequence[Course]) -> list[Rgb]:
-    """Known policies have colours of their own; the others take what is left."""
+def _colors(records: Sequence[EpisodeRecord]) -> list[Rgb]:
+    """The colours of known policies, and the remaining ones for the others."""
     others = iter(_OTHER_COLORS)
-    return [rgb(_COLORS[course.policy] if course.policy in _COLORS else next(others)) for course in courses]
+    return [rgb(_COLORS[record.policy] if record.policy in _COLORS else next(others)) for record in records]
 
 
-def _rides(course: Course) -> bool:
+def _rides(record: EpisodeRecord) -> bool:
     """Whether the target is a part on a belt."""
-    return STORIES[course.env_id].belt
+    return record.picture.belt
 
 
-def _moves(course: Course) -> bool:
+def _moves(record: EpisodeRecord) -> bool:
     """Whether the target moves."""
-    return bool(np.ptp(course.target, axis=0).any())
+    return bool(np.ptp(record.target, axis=0).any())
 
 
-def _view(courses: Sequence[Course], times: Array) -> tuple[float, float, float, float]:
-    """The stretch of the plane to show, m: left, right, bottom, top. Of a belt, what lies around the hand."""
+def _view(records: Sequence[EpisodeRecord], times: Array) -> tuple[float, float, float, float]:
+    """The part of the plane to show, m: left, right, bottom, top. Of a belt, what lies around the hand."""
     points: list[Array] = []
-    for course in courses:
-        shown = [course.sample_at(time) for time in times]
-        points += [course.joints[: shown[-1] + 1, -1], course.target[shown]]
-        if not _rides(course):
-            points.append(course.joints[shown].reshape(-1, 2))
-        for disc, radius in enumerate(course.radii):
-            points += [course.discs[shown, disc] + radius, course.discs[shown, disc] - radius]
+    for record in records:
+        shown = [record.sample_at(time) for time in times]
+        points += [record.joints[: shown[-1] + 1, -1], record.target[shown]]
+        if not _rides(record):
+            points.append(record.joints[shown].reshape(-1, 2))
+        for disc, radius in enumerate(record.radii):
+            points += [record.discs[shown, disc] + radius, record.discs[shown, disc] - radius]
     low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
-    if _rides(courses[0]):
+    if _rides(records[0]):
         low, high = low - np.array([_PART, _BELOW_BELT]), high + np.array([_PART, 0.5 * _BELT])
     margin = 0.06 * float((high - low).max())
     return float(low[0]) - margin, float(high[0]) + margin, float(low[1]) - margin, float(high[1]) + margin
 
 
-def _draw_panel(axes: Axes, course: Course, times: Array, color: Rgb, scale: float) -> None:
-    """A policy's way through the plane; ``scale`` is points a metre."""
-    shown = _shown_samples(course, times)
-    shades = [course.t[sample] / times[-1] for sample in shown]
-    if _rides(course):
-        height = float(course.target[0, 1])
+def _draw_panel(axes: Axes, record: EpisodeRecord, times: Array, color: Rgb, scale: float) -> None:
+    """A policy's path through the plane; ``scale`` is points a metre."""
+    shown = _shown_samples(record, times)
+    shades = [record.t[sample] / times[-1] for sample in shown]
+    if _rides(record):
+        height = float(record.target[0, 1])
         axes.axhspan(height - 0.5 * _BELT, height + 0.5 * _BELT, color=rgb(palette.BORDER), zorder=1)
-    link = max(4.0, 2.0 * course.arm.link_radius * scale)
-    labels = _labels(course, shown, times)
+    link = max(4.0, 2.0 * record.arm.link_radius * scale)
+    labels = _labels(record, shown, times)
     for sample, shade, label in zip(shown, shades, labels, strict=True):
-        if _rides(course):
-            _draw_part(axes, course.target[sample], shade, label)
-        for disc, radius in enumerate(course.radii):
-            _draw_disc(axes, course.discs[sample, disc], float(radius), shade, label)
-        _draw_arm(axes, course.joints[sample], shade, link)
+        if _rides(record):
+            _draw_part(axes, record.target[sample], shade, label)
+        for disc, radius in enumerate(record.radii):
+            _draw_disc(axes, record.discs[sample, disc], float(radius), shade, label)
+        _draw_arm(axes, record.joints[sample], shade, link)
     until = shown[-1] + 1
-    for disc in range(len(course.radii)):
-        axes.plot(*course.discs[:until, disc].T, color=rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
-    hand = course.joints[:until, -1]
+    for disc in range(len(record.radii)):
+        axes.plot(*record.discs[:until, disc].T, color=rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
+    hand = record.joints[:until, -1]
     axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
     axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
-    if _moves(course) and not _rides(course):
-        axes.plot(*course.target[:until].T, color=rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
-    _label_hands(axes, course.joints[shown, -1], labels, color)
-    if not _moves(course):
+    if _moves(record) and not _rides(record):
+        axes.plot(*record.target[:until].T, color=rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
+    _label_hands(axes, record.joints[shown, -1], labels, color)
+    if not _moves(record):
         star = {"color": rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
-        axes.plot(*course.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
-    axes.set_title(f"{course.policy}: {course.outcome}", fontsize=10, color=color, fontweight="bold")
+        axes.plot(*record.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
+    axes.set_title(f"{record.policy}: {record.outcome}", fontsize=10, color=color, fontweight="bold")
     axes.tick_params(labelsize=8)
     axes.locator_params(nbins=4)
     axes.grid(alpha=0.25)
     axes.set_axisbelow(True)
 
 
-def _shown_samples(course: Course, times: Array) -> list[int]:
-    """Samples at the times; of an episode that ends earlier, its end instead of what comes later or just before."""
-    if course.duration >= times[-1] - 1e-9:
-        return [course.sample_at(time) for time in times]
-    before = times[times < course.duration - 0.4 * (times[1] - times[0])]
-    return [course.sample_at(time) for time in (*before, course.duration)]
+def _shown_samples(record: EpisodeRecord, times: Array) -> list[int]:
+    """Samples at the times; if the episode ends earlier, its end replaces the times after or just before it."""
+    if record.duration >= times[-1] - 1e-9:
+        return [record.sample_at(time) for time in times]
+    before = times[times < record.duration - 0.4 * (times[1] - times[0])]
+    return [record.sample_at(time) for time in (*before, record.duration)]
 
 
-def _labels(course: Course, shown: Sequence[int], times: Array) -> list[str]:
-    """Numbers of the instants; an end between them is a check mark if it is a success, or else a cross."""
+def _labels(record: EpisodeRecord, shown: Sequence[int], times: Array) -> list[str]:
+    """Numbers of the instants; an earlier end is a check mark if it is a success, or else a cross."""
     numbers = [str(rank + 1) for rank in range(len(shown))]
-    if course.duration >= times[-1] - 1e-9:
+    if record.duration >= times[-1] - 1e-9:
         return numbers
-    return [*numbers[:-1], "\u2713" if course.info["is_success"] else "\u00d7"]
+    return [*numbers[:-1], "\u2713" if record.info["is_success"] else "\u00d7"]
 
 
 def _draw_arm(axes: Axes, joints: Array, shade: float, width: float) -> None:
@@ -188,22 +188,22 @@ def _write(axes: Axes, center: Array, label: str, color: Rgb, size: float, zorde
     text.set(ha="center", va="center_baseline")
 
 
-def _draw_curves(axes: Axes, courses: Sequence[Course], times: Array, colors: Sequence[Rgb]) -> None:
-    """What the task is about, over time, with the instants of the panels."""
-    story = STORIES[courses[0].env_id]
-    until = min(1.12 * times[-1], max(course.duration for course in courses))
-    for course, color in zip(courses, colors, strict=True):
-        shown = course.t <= until + 1e-9
-        axes.plot(course.t[shown], course.measure[shown], color=color, label=course.policy, linewidth=1.8)
-        if course.info["is_success"] and course.arrival < course.duration:
-            axes.plot(course.arrival, course.measure[course.sample_at(course.arrival)], marker="o", color=color)
-        elif course.duration < times[-1]:
-            axes.plot(course.t[-1], course.measure[-1], marker="x", color=color, markersize=9, markeredgewidth=2.5)
-    tolerance = courses[0].tolerance
+def _draw_curves(axes: Axes, records: Sequence[EpisodeRecord], times: Array, colors: Sequence[Rgb]) -> None:
+    """The task's measure over time, with the instants of the panels."""
+    picture = records[0].picture
+    until = min(1.12 * times[-1], max(record.duration for record in records))
+    for record, color in zip(records, colors, strict=True):
+        shown = record.t <= until + 1e-9
+        axes.plot(record.t[shown], record.measure[shown], color=color, label=record.policy, linewidth=1.8)
+        if record.info["is_success"] and record.arrival < record.duration:
+            axes.plot(record.arrival, record.measure[record.sample_at(record.arrival)], marker="o", color=color)
+        elif record.duration < times[-1]:
+            axes.plot(record.t[-1], record.measure[-1], marker="x", color=color, markersize=9, markeredgewidth=2.5)
+    tolerance = records[0].tolerance
     if tolerance is not None:
         label = f"tolerance, {tolerance:g} mm"
         axes.axhline(tolerance, color=rgb(palette.MUTED), linestyle="--", linewidth=1.0, label=label)
-    if story.logarithmic:
+    if picture.logarithmic:
         axes.set(yscale="log", ylim=(1e-3, None))
     for rank, time in enumerate(times):
         axes.axvline(time, color=rgb(palette.BORDER), linewidth=0.8, zorder=0)
@@ -212,7 +212,7 @@ def _draw_curves(axes: Axes, courses: Sequence[Course], times: Array, colors: Se
         number.set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": rgb(palette.MUTED)})
     axes.set(xlim=(-0.02 * until, 1.01 * until))
     axes.set_xlabel("time (s)", fontsize=9)
-    axes.set_title(story.title, fontsize=9.5, pad=10, loc="left")
+    axes.set_title(picture.title, fontsize=9.5, pad=10, loc="left")
     axes.tick_params(labelsize=8)
     axes.legend(fontsize=8, ncols=5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.04), borderaxespad=0.0)
     axes.grid(alpha=0.2, axis="y")

@@ -13,16 +13,11 @@ from PIL import Image
 import agents
 from agents import cli
 from agents.commands.paths import PathsOptions, run
-from agents.evaluation.evaluate import known_env_ids
-from agents.figures.episode_record import STORIES, run_course
+from agents.figures.episode_record import record_episode
 from agents.policies.lookup import find_policy
 
 POLICIES = ("follower", "dpct")
 DODGE = "ObstacleDodge-v0"
-
-
-def test_every_environment_has_a_story() -> None:
-    assert sorted(STORIES) == known_env_ids()
 
 
 @pytest.mark.parametrize(
@@ -45,21 +40,21 @@ def test_the_outcomes_are_the_evaluators(
             assert f" {factor * evaluation.metrics[key][0]:.{decimals}f} " in rows[policy]
 
 
-def test_a_course_is_the_episode_step_by_step() -> None:
-    course = run_course(DODGE, find_policy("follower", DODGE), 29, {})
+def test_a_record_holds_the_episode_step_by_step() -> None:
+    record = record_episode(DODGE, find_policy("follower", DODGE), 29, {})
     evaluation = agents.evaluate("follower", DODGE, [29])
-    assert len(course.t) == evaluation.lengths[0] + 1
-    assert course.joints.shape == (len(course.t), 3, 2)
-    assert course.outcome == f"collided at {course.t[-1]:.2f} s"
+    assert len(record.t) == evaluation.lengths[0] + 1
+    assert record.joints.shape == (len(record.t), 3, 2)
+    assert record.outcome == f"collided at {record.t[-1]:.2f} s"
     # The disc touches the arm in the last period only.
-    assert (course.measure[:-1] > 0.0).all()
-    assert 1e3 * evaluation.metrics["min_clearance"][0] <= course.measure[-1] + 1e-9
+    assert (record.measure[:-1] > 0.0).all()
+    assert 1e3 * evaluation.metrics["min_clearance"][0] <= record.measure[-1] + 1e-9
 
 
 def test_the_torque_over_time_sums_to_what_is_spent() -> None:
-    course = run_course("MinTorqueMove-v0", find_policy("dpct", "MinTorqueMove-v0"), 18, {})
-    spent = course.measure[:-1] @ np.diff(course.t)
-    assert spent == pytest.approx(course.info["torque_l1"], rel=1e-12)
+    record = record_episode("MinTorqueMove-v0", find_policy("dpct", "MinTorqueMove-v0"), 18, {})
+    spent = record.measure[:-1] @ np.diff(record.t)
+    assert spent == pytest.approx(record.info["torque_l1"], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -97,13 +92,13 @@ def test_the_paper_start_as_a_vector_drawing(tmp_path: Path, capsys: pytest.Capt
 def test_what_is_wrong_is_said_before_anything_runs(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], complaint: str
 ) -> None:
-    monkeypatch.setattr("agents.commands.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    monkeypatch.setattr("agents.commands.paths.record_episode", lambda *arguments: pytest.fail("ran an episode"))
     with pytest.raises(ValueError, match=complaint):
         run(PathsOptions(**{"env": DODGE, **options}))
 
 
 def test_missing_matplotlib_is_said_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.commands.paths.run_course", lambda *arguments: pytest.fail("ran an episode"))
+    monkeypatch.setattr("agents.commands.paths.record_episode", lambda *arguments: pytest.fail("ran an episode"))
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
         run(PathsOptions(env=DODGE, plot=Path("paths.png")))

@@ -13,7 +13,8 @@ from gymnasium.error import DependencyNotInstalled
 from PIL import Image
 
 import agents
-from agents.commands.rollout import RolloutOptions, play, run
+from agents.commands.rollout import RolloutOptions, run
+from agents.figures.episode_record import play
 from agents.figures.film import Film
 
 ENV_ID = "ConveyorTrack-v0"
