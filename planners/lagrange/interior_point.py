@@ -76,8 +76,8 @@ def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance
         reach = _longest(slacks, slacks_step)
 
         decrement = -dot(model.gradient, step)
-        slope = dot(model.index_gradient, step) - barrier * _relative_sum(slacks_step, slacks)
-        infeasibility = _distance(slacks, rooms)
+        slope = dot(model.index_gradient, step) - barrier * np.sum(slacks_step / slacks)
+        infeasibility = np.sum(np.abs(slacks - rooms))
         if infeasibility > 1e-9:
             penalty = max(penalty, 1.5 * (slope + 0.5 * max(decrement, 0.0)) / infeasibility)
         slope -= penalty * infeasibility
@@ -106,7 +106,7 @@ def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance
             shift = max(1e-3, 4.0 * shift)
         elif length > 0.9 * reach:
             shift = 0.25 * shift if shift > 1e-4 else 0.0
-        if length > 0.4 * reach and decrement < max(10.0 * barrier, tolerance) and _largest_gap(slacks, rooms) < 1e-6:
+        if length > 0.4 * reach and decrement < max(10.0 * barrier, tolerance) and np.all(np.abs(slacks - rooms) < 1e-6):
             converged = barrier <= LAST_BARRIER and decrement < tolerance
             barrier = max(LAST_BARRIER, 0.15 * barrier)
             eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
@@ -130,62 +130,40 @@ def dot(a: Array, b: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def _rooms(load: Array) -> Array:
-    """What is left below the upper and above the lower side of every limit, ``(2, points, limits)``."""
-    rooms = np.empty((2, *load.shape))
-    for k in range(load.shape[0]):
-        for c in range(load.shape[1]):
-            rooms[0, k, c], rooms[1, k, c] = 1.0 - load[k, c], 1.0 + load[k, c]
-    return rooms
+    """Distances of the loads to the upper and to the lower side of their limits, ``(2, points, limits)``."""
+    return np.stack((1.0 - load, 1.0 + load))
 
 
 @njit(cache=True, nogil=True)
 def _push(slacks: Array, duals: Array, rooms: Array, barrier: float) -> tuple[Array, Array, Array]:
-    """Of every limit: force of the barrier on its load, present multiplier, stiffness of the barrier."""
-    shape = slacks.shape[1:]
-    force, multiplier, stiffness = np.empty(shape), np.empty(shape), np.empty(shape)
-    for k in range(shape[0]):
-        for c in range(shape[1]):
-            s, z, r = slacks[:, k, c], duals[:, k, c], rooms[:, k, c]
-            force[k, c] = (barrier + z[0] * (s[0] - r[0])) / s[0] - (barrier + z[1] * (s[1] - r[1])) / s[1]
-            multiplier[k, c] = z[0] - z[1]
-            stiffness[k, c] = z[0] / s[0] + z[1] / s[1]
-    return force, multiplier, stiffness
+    """For each limit: force of the barrier on its load, present multiplier, stiffness of the barrier."""
+    pushes, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
+    return pushes[0] - pushes[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
 
 
 @njit(cache=True, nogil=True)
 def _step_barrier(slacks: Array, duals: Array, rooms: Array, load_step: Array, barrier: float) -> tuple[Array, Array]:
-    """Newton's steps of slacks and duals that go with a step of the loads."""
-    slacks_step, duals_step = np.empty_like(slacks), np.empty_like(slacks)
-    for side in range(2):
-        for k in range(slacks.shape[1]):
-            for c in range(slacks.shape[2]):
-                s, z = slacks[side, k, c], duals[side, k, c]
-                ds = rooms[side, k, c] - s - (1 - 2 * side) * load_step[k, c]
-                slacks_step[side, k, c] = ds
-                duals_step[side, k, c] = (barrier - z * ds) / s - z
-    return slacks_step, duals_step
+    """Newton's steps of slacks and duals for a given step of the loads."""
+    slacks_step = rooms - slacks
+    slacks_step[0] -= load_step
+    slacks_step[1] += load_step
+    return slacks_step, (barrier - duals * slacks_step) / slacks - duals
 
 
 @njit(cache=True, nogil=True)
 def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: float) -> None:
     """Move the duals of |tau| towards the smoothed sign after a full step, within [-1, 1]."""
-    for k in range(tau.shape[0]):
-        for j in range(tau.shape[1]):
-            root = np.sqrt(tau[k, j] ** 2 + eps * eps)
-            slope = tau[k, j] / root
-            slope += (1.0 - sign[k, j] * slope) / root * tau_step[k, j]
-            sign[k, j] = min(1.0, max(-1.0, sign[k, j] + length * (slope - sign[k, j])))
+    root = np.sqrt(tau * tau + eps * eps)
+    smoothed = tau / root
+    smoothed += (1.0 - sign * smoothed) / root * tau_step
+    sign[:] = np.minimum(1.0, np.maximum(-1.0, sign + length * (smoothed - sign)))
 
 
 @njit(cache=True, nogil=True)
 def _move_duals(duals: Array, steps: Array, length: float, slacks: Array, barrier: float) -> None:
-    """Move the duals, and keep them close enough to ``barrier / slack``."""
-    for side in range(2):
-        for k in range(duals.shape[1]):
-            for c in range(duals.shape[2]):
-                central = barrier / slacks[side, k, c]
-                dual = duals[side, k, c] + length * steps[side, k, c]
-                duals[side, k, c] = min(max(dual, 1e-8 * central), 1e8 * central)
+    """Move the duals, and keep them within a factor of 1e8 of ``barrier / slack``."""
+    central = barrier / slacks
+    duals[:] = np.minimum(np.maximum(duals + length * steps, 1e-8 * central), 1e8 * central)
 
 
 @njit(cache=True, nogil=True)
@@ -224,45 +202,11 @@ def _torque_step(model: Model, links_step: Array) -> Array:
 @njit(cache=True, nogil=True)
 def _longest(values: Array, steps: Array) -> float:
     """How far positive values may go along their steps, at most 1."""
-    reach = 1.0
-    for side in range(2):
-        for k in range(values.shape[1]):
-            for c in range(values.shape[2]):
-                if steps[side, k, c] < 0.0:
-                    reach = min(reach, -TO_BOUNDARY * values[side, k, c] / steps[side, k, c])
+    values, steps, reach = values.ravel(), steps.ravel(), 1.0
+    for i in range(values.shape[0]):
+        if steps[i] < 0.0:
+            reach = min(reach, -TO_BOUNDARY * values[i] / steps[i])
     return reach
-
-
-@njit(cache=True, nogil=True)
-def _relative_sum(steps: Array, values: Array) -> float:
-    total = 0.0
-    for side in range(2):
-        for k in range(values.shape[1]):
-            for c in range(values.shape[2]):
-                total += steps[side, k, c] / values[side, k, c]
-    return total
-
-
-@njit(cache=True, nogil=True)
-def _distance(slacks: Array, rooms: Array) -> float:
-    """Sum of the differences of slacks and rooms."""
-    total = 0.0
-    for side in range(2):
-        for k in range(slacks.shape[1]):
-            for c in range(slacks.shape[2]):
-                total += abs(slacks[side, k, c] - rooms[side, k, c])
-    return total
-
-
-@njit(cache=True, nogil=True)
-def _largest_gap(slacks: Array, rooms: Array) -> float:
-    """Largest difference of slacks and rooms."""
-    largest = 0.0
-    for side in range(2):
-        for k in range(slacks.shape[1]):
-            for c in range(slacks.shape[2]):
-                largest = max(largest, abs(slacks[side, k, c] - rooms[side, k, c]))
-    return largest
 
 
 @njit(cache=True, nogil=True)
@@ -271,16 +215,8 @@ def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms
 
     Negative where a limit that was kept is about to be broken: such a step is refused.
     """
-    out = np.empty_like(slacks)
-    for side in range(2):
-        for k in range(slacks.shape[1]):
-            for c in range(slacks.shape[2]):
-                slack, room = slacks[side, k, c], new_rooms[side, k, c]
-                if slack == rooms[side, k, c]:
-                    out[side, k, c] = room if room > 0.5 * (1.0 - TO_BOUNDARY) * slack else -1.0
-                else:
-                    out[side, k, c] = max(room, slack + length * steps[side, k, c])
-    return out
+    kept = np.where(new_rooms > 0.5 * (1.0 - TO_BOUNDARY) * slacks, new_rooms, -1.0)
+    return np.where(slacks == rooms, kept, np.maximum(new_rooms, slacks + length * steps))
 
 
 @njit(cache=True, nogil=True)
@@ -288,12 +224,7 @@ def _merit(
     weights: Array, task: Task, point: Point, slacks: Array, rooms: Array, barrier: float, eps: float, penalty: float
 ) -> float:
     """Smoothed index with the barrier of the slacks and the l1 penalty on what they miss; inf outside the barrier."""
-    logarithms = 0.0
-    for side in range(2):
-        for k in range(slacks.shape[1]):
-            for c in range(slacks.shape[2]):
-                if not slacks[side, k, c] > 0.0:
-                    return np.inf
-                logarithms += np.log(slacks[side, k, c])
+    if not np.all(slacks > 0.0):
+        return np.inf
     smooth = index(weights, point.tau, task.power, eps)
-    return smooth - barrier * logarithms + penalty * _distance(slacks, rooms)
+    return smooth - barrier * np.sum(np.log(slacks)) + penalty * np.sum(np.abs(slacks - rooms))
