@@ -51,7 +51,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         # Views of the one environment, so that a step touches no more Python than it must.
         env = self.task.batch[0]
         self._env, self._action = env, env["action"]
-        self._observation, self._terms = env["observation"], env["reward_terms"]
+        self._observation = env["observation"]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; see the environment's own page for the options."""
@@ -61,7 +61,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera.begin()
         if self.render_mode == "human":
             self.render()
-        return self._observation.copy(), self._step_info()
+        return self._observation.copy(), self.task.step_info(0)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one control period."""
@@ -71,7 +71,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.task.advance()
         env = self._env
         terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
-        info = self._step_info()
+        info = self.task.step_info(0)
         if terminated or truncated:
             self._needs_reset = True
             info.update(self.task.episode_info(0))
@@ -101,10 +101,6 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def motion_problem(self) -> MotionProblem:
         """The problem an expert would read from the current observation."""
         return self.task.motion_problem(self._observation)
-
-    def _step_info(self) -> Info:
-        terms = dict(zip(self.task.reward_terms, self._terms.tolist(), strict=True))
-        return {"is_success": bool(self._env["success"]), "reward_terms": terms}
 
 
 class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
@@ -257,16 +253,10 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         """Last observations and infos of the environments that ended, in Gymnasium's vector form."""
         final: Info = {}
         for env_index in np.flatnonzero(ended).tolist():
-            step = {
-                "is_success": bool(self.task.batch["success"][env_index]),
-                "reward_terms": self._terms_of(env_index),
-            }
-            final = self._add_info(final, {**step, **self.task.episode_info(env_index)}, env_index)
+            info = {**self.task.step_info(env_index), **self.task.episode_info(env_index)}
+            final = self._add_info(final, info, env_index)
         observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
         return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
-
-    def _terms_of(self, env_index: int) -> dict[str, float]:
-        return dict(zip(self.task.reward_terms, self.task.batch["reward_terms"][env_index].tolist(), strict=True))
 
 
 class _Camera:

@@ -1,9 +1,11 @@
-"""Observation layouts: every element declared once, by name, with its unit and scale."""
+"""Observation layouts: every entry declared once, by name, with its shape, unit and scale."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,23 +18,28 @@ Observation = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Entry:
-    """One named stretch of an observation.
+    """One named part of an observation.
 
     Attributes:
-        name: what it is.
-        size: number of elements.
+        name: name of the entry.
+        shape: shape of the entry; ``()`` for a single number. An observation holds it flattened.
         scale: physical value of an observed 1; an observation holds value / scale.
-        bound: largest observed magnitude; what is beyond is clipped.
-        unit: of the physical value.
-        meaning: for the documentation.
+        bound: largest observed magnitude; larger values are clipped.
+        unit: unit of the physical value.
+        meaning: description for the documentation.
     """
 
     name: str
-    size: int
+    shape: tuple[int, ...]
     scale: float
     bound: float
     unit: str
     meaning: str
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,13 @@ class Layout:
         """Largest observed magnitude, ``(size,)``."""
         return np.repeat([entry.bound for entry in self.entries], [entry.size for entry in self.entries])
 
+    @property
+    def record(self) -> np.dtype[Any]:
+        """Record of the physical values by name; its field ``flat``, ``(size,)``, is the same memory."""
+        fields = [(entry.name, ("f8", entry.shape), 8 * place.start) for entry, place in self.slices()]
+        names, formats, offsets = zip(*fields, ("flat", ("f8", (self.size,)), 0), strict=True)
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets}, align=True)
+
     def slices(self) -> Iterator[tuple[Entry, slice]]:
         """Each entry with its place in the observation."""
         begin = 0
@@ -69,7 +83,7 @@ class Layout:
         return gym.spaces.Box(-bounds, bounds, dtype=np.float32)
 
     def parse(self, observation: Observation) -> dict[str, Array]:
-        """Physical values by name, SI units, from observations of shape ``(..., size)``.
+        """Physical values by name, each ``(..., entry.size)`` in SI units, from observations ``(..., size)``.
 
         Raises:
             ValueError: if the observation has another size.

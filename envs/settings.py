@@ -1,16 +1,30 @@
-"""Validated settings: frozen, typed, and quick to say which name was mistyped."""
+"""Validated settings: frozen, typed, documented once, with the nearest known name in the message for an unknown one."""
 
 from __future__ import annotations
 
 import difflib
+import json
+import re
 from collections.abc import Iterable, Mapping
-from typing import Any, Self
+from inspect import cleandoc
+from types import UnionType
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+
+_UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
+"""A unit at the end of the first clause of a description, as in "time of one step, s; ..."."""
+_BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+_WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", type(None): "null", Any: "value"}
+_RECORD_CODES: dict[Any, str] = {float: "f8", int: "i8", bool: "?"}
 
 
 class Settings(BaseModel):
-    """Base of every set of settings: the configuration of an environment, its reset options, an experiment's YAML."""
+    """Base of every set of settings: the configuration of an environment, its reset options, an experiment's YAML.
+
+    The ``Attributes`` section of a class's docstring describes its fields; `table` and `descriptions` read it.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -34,6 +48,38 @@ class Settings(BaseModel):
             )
             raise ValueError(f"{what}: " + "; ".join(complaints)) from None
 
+    @classmethod
+    def record_fields(cls) -> list[tuple[str, str]]:
+        """Name and NumPy type of every field that is a number or a bool: what compiled code can read."""
+        fields = cls.model_fields.items()
+        return [(name, _RECORD_CODES[field.annotation]) for name, field in fields if field.annotation in _RECORD_CODES]
+
+    @classmethod
+    def descriptions(cls) -> dict[str, str]:
+        """Description of each field, from the docstrings of this class and of its bases."""
+        found: dict[str, str] = {}
+        for base in reversed(cls.__mro__):
+            if issubclass(base, Settings):
+                _, _, attributes = cleandoc(base.__doc__ or "").partition("Attributes:\n")
+                for names, text in re.findall(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", attributes, flags=re.MULTILINE):
+                    found |= {name: " ".join(text.split()) for name in names.split(", ")}
+        return found
+
+    @classmethod
+    def table(cls) -> str:
+        """The fields as a Markdown table.
+
+        Raises:
+            ValueError: for a field that no docstring describes.
+        """
+        meanings = cls.descriptions()
+        missing = sorted(set(cls.model_fields) - set(meanings))
+        if missing:
+            raise ValueError(f"the docstring of {cls.__name__} does not describe {', '.join(missing)}")
+        rows = [(f"`{name}`", *_cells(name, field, meanings[name])) for name, field in cls.model_fields.items()]
+        lines = [("key", "values", "default", "unit", "meaning"), ("---",) * 5, *rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
 
 def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
     """Raise a ValueError if a given name is not known, with the nearest known name."""
@@ -43,3 +89,50 @@ def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> Non
             near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
             hint = f'; did you mean "{near[0]}"?' if near else ""
             raise ValueError(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
+
+
+def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:
+    """Values, default, unit and meaning of a field."""
+    first, *rest = meaning.removesuffix(".").replace("``", "`").split("; ")
+    unit = _UNIT.search(first)
+    if unit is not None:
+        first = first[: unit.start()]
+    explained = "; ".join((first or name.replace("_", " "), *rest))
+    return _values(field), _default(field), unit[1] if unit else "", explained
+
+
+def _values(field: FieldInfo) -> str:
+    """The type in words, and its bounds if there are any."""
+    bounds = [
+        f"{sign} {getattr(item, bound):g}"
+        for item in field.metadata
+        for bound, sign in _BOUNDS.items()
+        if hasattr(item, bound)
+    ]
+    return ", ".join([_words(field.annotation), *bounds])
+
+
+def _words(kind: Any) -> str:
+    """A type in the words of YAML."""
+    inner = get_args(kind)
+    if get_origin(kind) is Annotated:
+        return _words(inner[0])
+    if get_origin(kind) is Literal:
+        return ", ".join(f"`{value}`" for value in inner)
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(_words(item) for item in inner)
+    if get_origin(kind) is tuple:
+        return f"[{_words(inner[0])}, ...]" if Ellipsis in inner else f"[{', '.join(map(_words, inner))}]"
+    if get_origin(kind) is dict:
+        return f"{{name: {_words(inner[1])}}}"
+    if isinstance(kind, type) and issubclass(kind, Settings):
+        return kind.__name__
+    return _WORDS[kind]
+
+
+def _default(field: FieldInfo) -> str:
+    """The default as YAML, but with text unquoted."""
+    if field.is_required():
+        return "required"
+    value: Any = field.get_default(call_default_factory=True)
+    return f"`{value}`" if value and isinstance(value, str) else f"`{json.dumps(value)}`"

@@ -1,4 +1,4 @@
-"""What every task is: a batch of environments with compiled state, and the few questions an environment asks of it."""
+"""The base of every task: a batch of environments whose whole state compiled kernels read and write."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
 from numba import njit
+from pydantic import Field
 
 from envs.observation import Layout, Observation
 from envs.physics.actuation import (
@@ -33,53 +34,78 @@ _ENVS_PER_THREAD = 32  # below this a second thread costs more than it brings
 
 
 class TaskSettings(Settings):
-    """Settings that every task has.
+    """Settings that every task has; the kernels find the numbers among them in the model record.
 
     Attributes:
         control_mode: what an action means.
         control_period: time for which an action is held, s.
         physics_step: time of one step of the physics, s.
         horizon: length of an episode, s.
-        payload: point mass at the hand that no policy is told, kg.
+        payload: unknown point mass at the hand, kg.
     """
 
     control_mode: str = "torque"
-    control_period: float = 0.02
-    physics_step: float = 0.002
-    horizon: float = 3.0
-    payload: float = 0.0
+    control_period: float = Field(0.02, gt=0.0)
+    physics_step: float = Field(0.002, gt=0.0)
+    horizon: float = Field(3.0, gt=0.0, le=60.0)
+    payload: float = Field(0.0, ge=0.0, le=10.0)
+
+
+class LimitSettings(TaskSettings):
+    """Settings of tasks whose reward has a term for broken joint limits.
+
+    Attributes:
+        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
+        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
+    """
+
+    limit_tolerance: float = Field(0.005, ge=0.0)
+    limit_penalty: float = Field(2.0, ge=0.0)
 
 
 class Task(ABC):
     """A batch of environments of one task.
 
-    An environment's whole state is one record of `batch`; what the environments share is the single record of
-    `model`. Compiled
-    kernels read and write both. Subclasses name their extra fields, their observation and reward terms, and write the
-    kernel that advances a slice of environments.
+    An environment's whole state is one record of `batch`; what all environments share is the single record of `model`.
+    A subclass declares what is listed below, draws the starts of episodes, and has two compiled kernels:
+    ``reset_env(batch, model, index)`` begins an episode whose start is written into the record, and
+    ``advance_batch(batch, model, first, last)`` advances environments ``first`` to ``last - 1`` by one control period
+    under their ``action``. A kernel writes the observed values by name, ``env.seen.goal``, and ends with
+    `envs.physics.episode.finish_observation`.
 
     Attributes:
-        arm: the robot as the policy knows it, without its payload.
-        layout: what an observation holds.
+        env_id: id in Gymnasium's registry.
+        config_type: class of the configuration.
+        options_type: class of the options of ``reset``.
+        kernels: module with the two kernels.
+        layout: entries of an observation.
         reward_terms: names of the terms whose sum is the reward.
-        batch: one record an environment.
-        model: an array of one record.
+        gauges: kinds of limit that a frame shows.
+        view: part of the plane that a frame shows: x from, x to, y from, y to, m.
+        arm: the robot as a policy knows it, without its payload.
+        batch: one record per environment.
+        model: array of one record; it holds the numbers of the configuration under their names.
     """
 
     env_id: ClassVar[str]
+    config_type: ClassVar[type[TaskSettings]]
+    options_type: ClassVar[type[Settings]]
+    kernels: ClassVar[Any]
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
+    gauges: ClassVar[tuple[str, ...]]
+    view: ClassVar[tuple[float, float, float, float]]
 
-    def __init__(self, config: TaskSettings, arm: Arm, num_envs: int, extra_env: Fields, extra_model: Fields) -> None:
-        n = arm.n_joints
+    def __init__(self, config: TaskSettings, arm: Arm, num_envs: int, env_fields: Fields, model_fields: Fields) -> None:
+        n, observed = arm.n_joints, self.layout.size
         self.config = config
         self.arm = arm
         self.num_envs = num_envs
         self.horizon_steps = self._whole_periods("horizon", config.horizon)
         common: Fields = [
             ("action", "f8", (self.action_size(config, arm),)),
-            ("seen", "f8", (self.layout.size,)),
-            ("observation", "f4", (self.layout.size,)),
+            ("seen", self.layout.record),
+            ("observation", "f4", (observed,)),
             ("reward_terms", "f8", (len(self.reward_terms),)),
             ("reward", "f8"),
             ("terminated", "?"),
@@ -87,14 +113,18 @@ class Task(ABC):
             ("success", "?"),
             ("step", "i8"),
         ]
-        scales: Fields = [("scales", "f8", (self.layout.size,)), ("bounds", "f8", (self.layout.size,))]
-        horizon: Fields = [("horizon_steps", "i8")]
-        env_type = np.dtype(common + arm_fields(n) + actuation_env_fields(n) + extra_env, align=True)
-        model_type = np.dtype(scales + horizon + body_fields(n) + actuation_model_fields(n) + extra_model, align=True)
-        self.batch = np.zeros(num_envs, env_type)
-        self.model = np.zeros(1, model_type)
+        shared: Fields = [("scales", "f8", (observed,)), ("bounds", "f8", (observed,)), ("horizon_steps", "i8")]
+        shared += body_fields(n) + actuation_model_fields(n) + model_fields
+        settings = config.record_fields()
+        shared += [field for field in settings if field[0] not in {name for name, *_ in shared}]
+        self.batch = np.zeros(
+            num_envs, np.dtype(common + arm_fields(n) + actuation_env_fields(n) + env_fields, align=True)
+        )
+        self.model = np.zeros(1, np.dtype(shared, align=True))
         self.model["scales"], self.model["bounds"] = self.layout.scales, self.layout.bounds
         self.model["horizon_steps"] = self.horizon_steps
+        for name, _ in settings:
+            self.model[name] = getattr(config, name)
         fill_actuation(self.model, arm, self.actuation_mode(config), config.control_period)
         self._world = World(
             arm.with_payload(config.payload),
@@ -106,47 +136,84 @@ class Task(ABC):
         self._threads = min(os.cpu_count() or 1, num_envs // _ENVS_PER_THREAD)
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
-    @abstractmethod
+    @classmethod
+    def make(cls, config: Mapping[str, Any], num_envs: int) -> Self:
+        """The task from settings by name.
+
+        Raises:
+            ValueError: for an unknown name or a value that is not allowed.
+        """
+        task: Any = cls
+        made: Self = task(cls.config_type.parse(config, f"{cls.env_id} setting"), num_envs)
+        return made
+
     def reset_envs(
         self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
     ) -> None:
-        """Begin an episode in some environments, each with its own generator; unusable options raise ValueError."""
+        """Begin an episode in some environments, each with its own generator.
+
+        Raises:
+            ValueError: for unknown options, or a start from which the task cannot be solved; nothing has changed then.
+        """
+        starts = self.draw(generators, self.options_type.parse(options, f"{self.env_id} option"))
+        for env_index, start in zip(env_indices, starts, strict=True):
+            self.write_start(env_index, start)
+            self.kernels.reset_env(self.batch, self.model, env_index)
 
     @abstractmethod
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
+    def draw(self, generators: Sequence[np.random.Generator], options: Any) -> Sequence[Any]:
+        """Draw one start per generator, as the options (of `options_type`) say; bad ones raise ValueError."""
 
     @abstractmethod
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """What is to be told of an environment's episode at its end."""
+    def write_start(self, env_index: int, start: Any) -> None:
+        """Write a start into an environment's record."""
+
+    @abstractmethod
+    def outcome(self, record: Any) -> dict[str, Any]:
+        """Info at the end of the episode of an environment's record, besides the limits."""
 
     @abstractmethod
     def motion_problem(self, observation: Observation) -> MotionProblem:
-        """The problem that an observation ``(size,)`` states, for a planner to solve."""
+        """The planning problem that an observation ``(size,)`` states."""
+
+    @abstractmethod
+    def picture(self, record: Any) -> dict[str, Any]:
+        """Fields of the `Scene` of an environment's record that are this task's own."""
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Where the hand should be, of parsed observations: position, velocity, acceleration, each ``(num_envs, 2)``.
+        """Goal of the hand in parsed observations: position, velocity, acceleration, each ``(num_envs, 2)``.
 
         Raises:
-            NotImplementedError: if the task's goal is no place for the hand.
+            NotImplementedError: if the task's goal is not a position of the hand.
         """
-        raise NotImplementedError(f"the goal of {self.env_id} is no place for the hand")
+        raise NotImplementedError(f"the goal of {self.env_id} is not a position of the hand")
 
     def hand_position(self, env_index: int) -> Array:
-        """Where the hand of an environment is, ``(2,)``, m."""
+        """Position of the hand, ``(2,)``, m."""
         return self.arm.forward_kinematics(self.batch["q"][env_index])
 
-    @abstractmethod
     def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this environment shows, with the hand positions so far."""
+        """What a frame of an environment shows, with the past hand positions ``trail``."""
+        record = self.batch[env_index]
+        ratios = self.limit_info(env_index)["limit_ratios"]
+        common: dict[str, Any] = {
+            "joints": self.arm.joint_positions(record["q"]),
+            "torque_ratios": record["tau"] / np.array(self.arm.limits.torque),
+            "time": int(record["step"]) * self.config.control_period,
+            "horizon": self.config.horizon,
+            "title": self.env_id,
+            "trail": np.array(trail),
+            "limit_gauges": tuple(("joint range" if kind == "angle" else kind, ratios[kind]) for kind in self.gauges),
+            "settled": bool(record["success"]),
+        }
+        return Scene(**(common | self.picture(record)))
 
-    @property
-    @abstractmethod
-    def view(self) -> tuple[float, float, float, float]:
-        """Stretch of the plane a frame shows: x from, x to, y from, y to, m."""
+    def advance_slice(self, first: int, last: int) -> None:
+        """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
+        self.kernels.advance_batch(self.batch, self.model, first, last)
 
     def advance(self) -> None:
-        """Advance every environment by one control period, on as many threads as pay.
+        """Advance every environment by one control period, on several threads if there are many environments.
 
         Raises:
             ValueError: if an action is not finite; nothing has moved then.
@@ -164,10 +231,20 @@ class Task(ABC):
         list(self._executor().map(self.advance_slice, cuts[:-1], cuts[1:]))
 
     def close(self) -> None:
-        """Let the threads go; may be called twice."""
+        """Stop the threads; may be called twice."""
         if self._pool is not None:
             self._pool[1].shutdown(wait=False)
             self._pool = None
+
+    def step_info(self, env_index: int) -> dict[str, Any]:
+        """Info after every step: whether the task is solved, and the terms of the reward."""
+        record = self.batch[env_index]
+        terms = dict(zip(self.reward_terms, record["reward_terms"].tolist(), strict=True))
+        return {"is_success": bool(record["success"]), "reward_terms": terms}
+
+    def episode_info(self, env_index: int) -> dict[str, Any]:
+        """Info at the end of an episode: the task's own outcome, and the limits."""
+        return {**self.outcome(self.batch[env_index]), **self.limit_info(env_index)}
 
     def limit_info(self, env_index: int) -> dict[str, Any]:
         """Worst limit ratio of an environment's episode, and the worst of each kind."""
@@ -176,12 +253,12 @@ class Task(ABC):
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:
-        """Numbers in an action: one a joint, unless a task has other actions too."""
+        """Numbers in an action: one per joint, unless the task has other actions."""
         return arm.n_joints
 
     @staticmethod
     def actuation_mode(config: Any) -> ControlMode:
-        """What the kernels take for actions: what the policy gives, unless a task makes that into something else."""
+        """Control mode of the kernels: that of the policy, unless the task turns actions into others."""
         mode: ControlMode = config.control_mode
         return mode
 
@@ -200,10 +277,21 @@ class Task(ABC):
             raise ValueError(f"hold_time {hold_time} s is longer than the horizon {self.config.horizon} s; shorten it")
         return self._whole_periods("hold_time", hold_time)
 
-    def _copy_settings(self, *names: str) -> None:
-        """Settings that the kernels read go into the model record under their own names."""
-        for name in names:
-            self.model[name] = getattr(self.config, name)
+    def _seconds_held(self, record: Any, steps: int) -> float:
+        """Time from which on a condition has held that has done so for ``steps`` control periods, s."""
+        return (int(record["step"]) - steps + 1) * self.config.control_period
+
+    def _problem(self, seen: dict[str, Array], target: Any, **more: Any) -> MotionProblem:
+        """Reach a target from the observed joint state within the observed time left."""
+        return MotionProblem(
+            arm=self.arm,
+            q=seen["joint_position"],
+            qd=seen["joint_velocity"],
+            qdd=seen["joint_acceleration"],
+            target=target,
+            horizon=max(float(seen["time_left"][0]), self.config.control_period),
+            **more,
+        )
 
     def _executor(self) -> ThreadPoolExecutor:
         # Threads do not survive a fork, so a pool belongs to the process that made it.

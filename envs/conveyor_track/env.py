@@ -3,47 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from envs.conveyor_track.kernels import ENV_FIELDS, MODEL_FIELDS, advance_batch, reset_env
+from envs.conveyor_track import kernels
 from envs.conveyor_track.starts import PAPER_START, Demands, Start, draw_starts, require_solvable
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
-from envs.rendering import Belt, Scene
+from envs.rendering import Belt
 from envs.settings import Settings
-from envs.task import Options, Task, TaskSettings
+from envs.task import LimitSettings, Task
 from planners import SCARA_1M, MotionProblem, MovingHand
 from planners.typing import Array
 
 
-class ConveyorTrackConfig(TaskSettings):
-    """Settings of ConveyorTrack-v0, beside those of every task.
+class ConveyorTrackConfig(LimitSettings):
+    """Settings of ConveyorTrack-v0.
 
     Attributes:
-        belt_acceleration: of the belt along its direction, m/s^2.
+        belt_acceleration: acceleration of the belt along its direction, m/s^2.
         position_tolerance: largest distance between hand and part that counts as settled, m.
         velocity_tolerance: largest relative velocity that counts as settled, m/s.
-        hold_time: how long at the end of the episode the hand must be settled for a success, s.
-        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
-        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
+        hold_time: time at the end of the episode for which the hand must be settled for a success, s.
     """
 
     control_mode: ControlMode = "torque"
-    horizon: float = Field(3.0, gt=0.0, le=60.0)
-    control_period: float = Field(0.02, gt=0.0)
-    physics_step: float = Field(0.002, gt=0.0)
-    payload: float = Field(0.0, ge=0.0, le=10.0)
     belt_acceleration: float = Field(0.0, ge=-1.0, le=1.0)
     position_tolerance: float = Field(1e-3, gt=0.0)
     velocity_tolerance: float = Field(2e-3, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
-    limit_tolerance: float = Field(0.005, ge=0.0)
-    limit_penalty: float = Field(2.0, ge=0.0)
 
 
 class ConveyorTrackOptions(Settings):
@@ -68,16 +60,16 @@ class ConveyorTrackOptions(Settings):
 
 LAYOUT = Layout(
     (
-        Entry("joint_position", 2, math.pi, 4.0, "rad", "angles of the joints"),
-        Entry("joint_velocity", 2, 0.2, 50.0, "rad/s", "their velocities"),
-        Entry("joint_acceleration", 2, 0.3, 100.0, "rad/s^2", "their mean accelerations over the last control period"),
-        Entry("hand", 2, 1.0, 4.0, "m", "position of the hand, from the base"),
-        Entry("part", 2, 1.0, 8.0, "m", "position of the part, from the base"),
-        Entry("part_error", 2, 0.1, 80.0, "m", "from the hand to the part"),
-        Entry("part_velocity", 2, 0.2, 50.0, "m/s", "velocity of the part"),
-        Entry("part_acceleration", 2, 0.2, 50.0, "m/s^2", "acceleration of the part"),
-        Entry("time_left", 1, 3.0, 20.0, "s", "until the episode ends"),
-        Entry("settled", 1, 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"),
+        Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
+        Entry("joint_velocity", (2,), 0.2, 50.0, "rad/s", "their velocities"),
+        Entry("joint_acceleration", (2,), 0.3, 100.0, "rad/s^2", "their mean accelerations over the last period"),
+        Entry("hand", (2,), 1.0, 4.0, "m", "position of the hand, from the base"),
+        Entry("part", (2,), 1.0, 8.0, "m", "position of the part, from the base"),
+        Entry("part_error", (2,), 0.1, 80.0, "m", "from the hand to the part"),
+        Entry("part_velocity", (2,), 0.2, 50.0, "m/s", "velocity of the part"),
+        Entry("part_acceleration", (2,), 0.2, 50.0, "m/s^2", "acceleration of the part"),
+        Entry("time_left", (), 3.0, 20.0, "s", "until the episode ends"),
+        Entry("settled", (), 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"),
     )
 )
 """What an observation of ConveyorTrack-v0 holds."""
@@ -86,61 +78,50 @@ LAYOUT = Layout(
 class ConveyorTrack(Task):
     """The conveyor-tracking task over a batch of environments; `ConveyorTrackEnv` documents it."""
 
-    env_id: ClassVar[str] = "ConveyorTrack-v0"
+    env_id = "ConveyorTrack-v0"
+    config_type = ConveyorTrackConfig
+    options_type = ConveyorTrackOptions
+    kernels: ClassVar[Any] = kernels
     layout = LAYOUT
-    reward_terms: ClassVar[tuple[str, ...]] = ("progress", "settling", "limits")
+    reward_terms = ("progress", "settling", "limits")
+    gauges = ("velocity", "acceleration", "jerk")
+    view = (-1.5, 1.3, -0.25, 2.1)
     config: ConveyorTrackConfig
 
     def __init__(self, config: ConveyorTrackConfig, num_envs: int) -> None:
-        super().__init__(
-            config,
-            SCARA_1M,
-            num_envs,
-            extra_env=ENV_FIELDS,
-            extra_model=MODEL_FIELDS,
-        )
-        self._copy_settings("position_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty")
+        super().__init__(config, SCARA_1M, num_envs, kernels.ENV_FIELDS, kernels.MODEL_FIELDS)
+        self.batch["part"] = self._world.add_kinematic_bodies()
         self.model["hold_steps"] = self._hold_steps(config.hold_time)
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
 
-    @classmethod
-    def make(cls, config: Mapping[str, Any], num_envs: int) -> ConveyorTrack:
-        """The task from settings by name; unknown names are refused."""
-        return cls(ConveyorTrackConfig.parse(config, f"{cls.env_id} setting"), num_envs)
+    def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
+        """One start per generator, drawn or given, for which DPCT has a motion within all limits."""
+        given = options.model_dump(exclude={"scenario"}, exclude_none=True)
+        if "elbow" in given:
+            given["elbow"] = 1.0 if given["elbow"] == "+" else -1.0
+        if options.scenario == "paper":
+            start = PAPER_START._replace(**given)
+            require_solvable(start, self._demands)
+            return [start] * len(generators)
+        return draw_starts(generators, given, self._demands)
 
-    def reset_envs(
-        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
-    ) -> None:
-        """Begin an episode in some environments; see `ConveyorTrackOptions`.
-
-        Raises:
-            ValueError: for unknown options, or values for which no motion keeps all limits; nothing has changed then.
-        """
-        chosen = ConveyorTrackOptions.parse(options, f"{self.env_id} option")
-        starts = self._starts(generators, chosen)
-        for env_index, start in zip(env_indices, starts, strict=True):
-            record = self.batch[env_index]
-            record["hand"] = start.hand_x, start.line_height
-            record["part_position"] = start.hand_x - start.offset, start.line_height
-            record["part_velocity"] = start.belt_speed, 0.0
-            record["part_acceleration"] = self.config.belt_acceleration, 0.0
-            reset_env(self.batch, self.model, env_index, start.elbow)
-
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period."""
-        advance_batch(self.batch, self.model, first, last)
-
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """Settling time, errors, J of eq 18, peak torque and limit ratios of an environment's episode."""
+    def write_start(self, env_index: int, start: Start) -> None:
+        """Write positions of hand and part, the belt's motion and the side of the elbow."""
         record = self.batch[env_index]
+        record["hand"] = start.hand_x, start.line_height
+        record["part_position"] = start.hand_x - start.offset, start.line_height
+        record["part_velocity"] = start.belt_speed, 0.0
+        record["part_acceleration"] = self.config.belt_acceleration, 0.0
+        record["elbow"] = start.elbow
+
+    def outcome(self, record: Any) -> dict[str, Any]:
+        """Settling time, steady-state error, J of eq 18 and peak torque."""
         settled = int(record["settled_steps"])
-        since = int(record["step"]) - settled + 1
         return {
-            "settling_time": since * self.config.control_period if settled else math.inf,
+            "settling_time": self._seconds_held(record, settled) if settled else math.inf,
             "steady_state_error": float(record["steady_state_error"]),
             "lq_cost": float(record["lq_cost"]),
             "peak_torque": float(record["peak_torque"]),
-            **self.limit_info(env_index),
         }
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
@@ -150,60 +131,27 @@ class ConveyorTrack(Task):
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """Meet the part within the time left, from the observed joint state."""
         seen = self.layout.parse(observation)
-        return MotionProblem(
-            arm=self.arm,
-            q=seen["joint_position"],
-            qd=seen["joint_velocity"],
-            qdd=seen["joint_acceleration"],
-            target=MovingHand(*self.hand_goal(seen)),
-            horizon=max(float(seen["time_left"][0]), self.config.control_period),
-        )
+        return self._problem(seen, MovingHand(*self.hand_goal(seen)))
 
-    @property
-    def view(self) -> tuple[float, float, float, float]:
-        """Stretch of the plane a frame shows, m."""
-        return (-1.5, 1.3, -0.25, 2.1)
-
-    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this environment shows."""
-        record = self.batch[env_index]
-        period = self.config.control_period
-        start, part = record["belt_start"], record["part_position"]
+    def picture(self, record: Any) -> dict[str, Any]:
+        """The part on its belt, errors, and for how long the hand has been settled."""
+        part, settled = record["part_position"], int(record["settled_steps"])
         error, velocity_error = float(record["error"]), float(record["velocity_error"])
-        ratios = self.limit_info(env_index)["limit_ratios"]
-        settled = int(record["settled_steps"]) > 0
-        return Scene(
-            joints=self.arm.joint_positions(record["q"]),
-            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
-            time=int(record["step"]) * period,
-            horizon=self.config.horizon,
-            title=self.env_id,
-            part=part.copy(),
-            belt=Belt(start=np.array([-1.4, part[1]]), end=np.array([1.2, part[1]]), travel=float(part[0] - start[0])),
-            trail=np.array(trail),
-            status=(
+        travel = float(part[0] - record["belt_start"][0])
+        return {
+            "part": part.copy(),
+            "belt": Belt(start=np.array([-1.4, part[1]]), end=np.array([1.2, part[1]]), travel=travel),
+            "status": (
                 ("position error", f"{1e3 * error:.2f} mm", error <= self.config.position_tolerance),
                 (
                     "velocity error",
                     f"{1e3 * velocity_error:.2f} mm/s",
                     velocity_error <= self.config.velocity_tolerance,
                 ),
-                ("settled", f"{int(record['settled_steps']) * period:.2f} s", settled),
+                ("settled", f"{settled * self.config.control_period:.2f} s", settled > 0),
             ),
-            limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration", "jerk")),
-            settled=settled,
-        )
-
-    def _starts(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
-        """One start a generator: drawn or given, and solvable in either case."""
-        given = options.model_dump(exclude={"scenario"}, exclude_none=True)
-        if "elbow" in given:
-            given["elbow"] = 1.0 if given["elbow"] == "+" else -1.0
-        if options.scenario == "paper":
-            start = PAPER_START._replace(**given)
-            require_solvable(start, self._demands)
-            return [start] * len(generators)
-        return draw_starts(generators, given, self._demands)
+            "settled": settled > 0,
+        }
 
 
 class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
@@ -262,8 +210,7 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     | `limit_ratios` | at the end | worst value / limit of each kind |
 
     ## Arguments
-    The fields of `ConveyorTrackConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
-    `belt_acceleration`, `position_tolerance`, `velocity_tolerance`, `hold_time`, `limit_tolerance`, `limit_penalty`.
+{ConveyorTrackConfig.table()}
 
     ## Version history
     * v0: first version.

@@ -20,6 +20,7 @@ MAX_ERROR = 1000.0
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
     ("part", "i8"),
+    ("elbow", "f8"),
     ("part_position", "f8", (2,)),
     ("part_velocity", "f8", (2,)),
     ("part_acceleration", "f8", (2,)),
@@ -32,24 +33,18 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("steady_state_error", "f8"),
     ("lq_cost", "f8"),
 ]
-"""What an environment's record holds for this task, beside what every task has."""
+"""What an environment's record holds for this task, besides what every task has."""
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("position_tolerance", "f8"),
-    ("velocity_tolerance", "f8"),
-    ("limit_tolerance", "f8"),
-    ("limit_penalty", "f8"),
-    ("hold_steps", "i8"),
-]
-"""What the model record holds for this task."""
+MODEL_FIELDS: list[tuple[Any, ...]] = [("hold_steps", "i8")]
+"""What the model record holds for this task, besides the configuration."""
 
 
 @njit(cache=True, nogil=True)
-def reset_env(batch: Any, model: Any, index: int, elbow: float) -> None:
+def reset_env(batch: Any, model: Any, index: int) -> None:
     """Begin an episode in an environment whose hand and part are set: posture, bodies, counters, observation."""
     env, shared = batch[index], model[0]
     dx, dy = env.hand[0] - shared.base[0], env.hand[1] - shared.base[1]
-    env.q[0], env.q[1] = two_link_branch(shared.lengths[0], shared.lengths[1], dx, dy, elbow)
+    env.q[0], env.q[1] = two_link_branch(shared.lengths[0], shared.lengths[1], dx, dy, env.elbow)
     begin_episode(env, shared)
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
@@ -136,16 +131,16 @@ def _lq_cost_rate(env: Any) -> float:
 
 @njit(cache=True, nogil=True)
 def _observe(env: Any, shared: Any) -> None:
-    """Write the observation: the entries of the layout, in its order."""
+    """Write the observation."""
     seen = env.seen
-    seen[0:2] = env.q
-    seen[2:4] = env.qd
-    seen[4:6] = env.qdd
-    seen[6:8] = env.hand - shared.base
-    seen[8:10] = env.part_position - shared.base
-    seen[10:12] = env.part_position - env.hand
-    seen[12:14] = env.part_velocity
-    seen[14:16] = env.part_acceleration
-    seen[16] = (shared.horizon_steps - env.step) * shared.control_period
-    seen[17] = env.settled_steps / shared.horizon_steps
+    seen.joint_position[:] = env.q
+    seen.joint_velocity[:] = env.qd
+    seen.joint_acceleration[:] = env.qdd
+    seen.hand[:] = env.hand - shared.base
+    seen.part[:] = env.part_position - shared.base
+    seen.part_error[:] = env.part_position - env.hand
+    seen.part_velocity[:] = env.part_velocity
+    seen.part_acceleration[:] = env.part_acceleration
+    seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
+    seen.settled = env.settled_steps / shared.horizon_steps
     finish_observation(env, shared)

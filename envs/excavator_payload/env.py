@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, ValidationInfo, field_validator
 
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
-from envs.excavator_payload import reference as excavator_reference
-from envs.excavator_payload import world as excavator_world
-from envs.excavator_payload.hidden import HiddenDraw
-from envs.excavator_payload.kernels import (
-    ENV_FIELDS,
-    MODEL_FIELDS,
-    RESIDUAL_SHARE,
-    advance_batch,
-    empty_bucket_torque,
-    reset_env,
-)
-from envs.excavator_payload.reference import Waypoints, draw_reference, given_waypoints, numbers_needed, work_cycle
+from envs.excavator_payload import kernels, reference, world
+from envs.excavator_payload.hidden import Hidden, HiddenDraw
+from envs.excavator_payload.reference import Waypoints
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
-from envs.rendering import Scene
 from envs.settings import Settings
-from envs.task import Options, Task, TaskSettings
+from envs.task import Task, TaskSettings
 from planners import FixedJoints, MotionProblem
 from planners.excavator.controllers import TYPICAL_PAYLOAD, make_planar_controller
 from planners.excavator.plane import planar_arm
@@ -63,9 +53,7 @@ class ExcavatorPayloadConfig(TaskSettings):
     """
 
     control_mode: Literal["torque", "residual"] = "torque"
-    horizon: float = Field(12.0, gt=0.0, le=excavator_reference.LONGEST_HORIZON)
-    control_period: float = Field(0.02, gt=0.0)
-    physics_step: float = Field(0.002, gt=0.0)
+    horizon: float = Field(12.0, gt=0.0, le=reference.LONGEST_HORIZON)
     payload: float = Field(350.0, ge=0.0, le=350.0)
     lightest: float = Field(0.0, ge=0.0)
     level: Literal[1, 2] = 1
@@ -106,28 +94,44 @@ class ExcavatorPayloadOptions(Settings):
 
 LAYOUT = Layout(
     (
-        Entry("joint_position", 3, math.pi, 4.0, "rad", "measured angles of boom, arm and bucket"),
-        Entry("joint_velocity", 3, 1.0, 20.0, "rad/s", "their measured velocities"),
-        Entry("reference_error", 3, 0.2, 20.0, "rad", "reference minus measured angle"),
-        Entry("reference_velocity", 3, 1.0, 5.0, "rad/s", "velocity of the reference"),
-        Entry("reference_acceleration", 3, 2.0, 10.0, "rad/s^2", "acceleration of the reference"),
-        Entry("reference_ahead", 9, 0.3, 20.0, "rad", "reference in 0.1, 0.2 and 0.4 s minus reference now"),
-        Entry("error_integral", 3, 0.1, 200.0, "rad s", "control period times the sum of the errors observed before"),
-        Entry("last_torque", 3, 1.0, 1.0, "-", "commanded in the last control period, shares of the torque limits"),
-        Entry("waypoint", 3, math.pi, 1.0, "rad", "angles of the next waypoint"),
-        Entry("waypoint_time", 1, 1.0, 10.0, "s", "until it is due"),
-        Entry("time_left", 1, 12.0, 5.0, "s", "until the episode ends"),
+        Entry("joint_position", (3,), math.pi, 4.0, "rad", "measured angles of boom, arm and bucket"),
+        Entry("joint_velocity", (3,), 1.0, 20.0, "rad/s", "their measured velocities"),
+        Entry("reference_error", (3,), 0.2, 20.0, "rad", "reference minus measured angle"),
+        Entry("reference_velocity", (3,), 1.0, 5.0, "rad/s", "velocity of the reference"),
+        Entry("reference_acceleration", (3,), 2.0, 10.0, "rad/s^2", "acceleration of the reference"),
+        Entry("reference_ahead", (3, 3), 0.3, 20.0, "rad", "reference in 0.1, 0.2 and 0.4 s minus reference now"),
+        Entry(
+            "error_integral", (3,), 0.1, 200.0, "rad s", "control period times the sum of the errors observed before"
+        ),
+        Entry("last_torque", (3,), 1.0, 1.0, "-", "commanded in the last control period, shares of the torque limits"),
+        Entry("waypoint", (3,), math.pi, 1.0, "rad", "angles of the next waypoint"),
+        Entry("waypoint_time", (), 1.0, 10.0, "s", "until it is due"),
+        Entry("time_left", (), 12.0, 5.0, "s", "until the episode ends"),
     )
 )
 """What an observation of ExcavatorPayload-v0 holds."""
 
 
-class ExcavatorPayload(Task):
-    """Following with an unknown load over a batch of environments; `ExcavatorPayloadEnv` documents it."""
+class Start(NamedTuple):
+    """Start of an episode: the hidden quantities, the seed of the noise, and waypoints or the numbers to draw them."""
 
-    env_id: ClassVar[str] = "ExcavatorPayload-v0"
+    hidden: Hidden
+    noise_seed: int
+    numbers: Array
+    waypoints: Waypoints | None
+
+
+class ExcavatorPayload(Task):
+    """Tracking with an unknown payload over a batch of environments; `ExcavatorPayloadEnv` documents it."""
+
+    env_id = "ExcavatorPayload-v0"
+    config_type = ExcavatorPayloadConfig
+    options_type = ExcavatorPayloadOptions
+    kernels: ClassVar[Any] = kernels
     layout = LAYOUT
-    reward_terms: ClassVar[tuple[str, ...]] = ("tracking", "smoothness", "failure")
+    reward_terms = ("tracking", "smoothness", "failure")
+    gauges = ("velocity",)
+    view = (-0.7, 4.3, -1.6, 3.6)
     config: ExcavatorPayloadConfig
 
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
@@ -136,63 +140,47 @@ class ExcavatorPayload(Task):
             config,
             planar_arm(),
             num_envs,
-            extra_env=excavator_world.ENV_FIELDS + excavator_reference.ENV_FIELDS + ENV_FIELDS,
-            extra_model=excavator_world.MODEL_FIELDS + excavator_reference.MODEL_FIELDS + MODEL_FIELDS,
+            world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS,
+            world.MODEL_FIELDS + reference.MODEL_FIELDS + kernels.MODEL_FIELDS,
         )
-        excavator_world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
-        excavator_reference.fill_dynamics(self.model)
+        world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
+        reference.fill_dynamics(self.model)
         gains = make_planar_controller("slotine-li", period=config.control_period).settings
         self.model["residual"] = config.control_mode == "residual"
         self.model["bandwidth"], self.model["damping"] = gains.bandwidth, gains.bandwidth * gains.inertia
         self.model["judged_after"], self.model["settling_steps"] = steps // 3, steps // 6
         self.model["step_reward"] = FULL_REWARD / steps
-        self._copy_settings(
-            "rms_tolerance", "peak_tolerance", "reward_distance", "smoothness_weight", "failure_penalty"
-        )
         self.model["noise"] = config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
         self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes_hands=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))
 
-    @classmethod
-    def make(cls, config: Mapping[str, Any], num_envs: int) -> ExcavatorPayload:
-        """The task from settings by name; unknown names are refused."""
-        return cls(ExcavatorPayloadConfig.parse(config, f"{cls.env_id} setting"), num_envs)
-
     @staticmethod
     def actuation_mode(config: Any) -> ControlMode:
-        """A residual is a torque, too."""
+        """Torque: a residual is a torque, too."""
         return "torque"
 
-    def reset_envs(
-        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
-    ) -> None:
-        """Begin an episode in some environments; see `ExcavatorPayloadOptions`.
+    def draw(self, generators: Sequence[np.random.Generator], options: ExcavatorPayloadOptions) -> list[Start]:
+        """One start per generator: hidden quantities, noise and reference, drawn or given."""
+        given, shape = self._given_waypoints(options), reference.numbers_needed(self.config.horizon)
+        own = options.payload, options.payload_offset, options.friction_scale
+        return [
+            Start(self._hidden.draw(generator, *own), int(generator.integers(2**63)), generator.random(shape), given)
+            for generator in generators
+        ]
 
-        Raises:
-            ValueError: for unknown options, or waypoints that the machine cannot follow; nothing has changed then.
-        """
-        chosen = ExcavatorPayloadOptions.parse(options, f"{self.env_id} option")
-        given = self._given_waypoints(chosen)
-        for env_index, generator in zip(env_indices, generators, strict=True):
-            record = self.batch[env_index]
-            hidden = self._hidden.draw(generator, chosen.payload, chosen.payload_offset, chosen.friction_scale)
-            hidden.write(record)
-            record["noise_seed"] = generator.integers(2**63)
-            numbers = generator.random(numbers_needed(self.config.horizon))
-            if given is None:
-                draw_reference(self.batch, self.model, env_index, numbers)
-            else:
-                given.write(record)
-            reset_env(self.batch, self.model, env_index)
-
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period."""
-        advance_batch(self.batch, self.model, first, last)
-
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """Errors, torques and limit ratios of an environment's episode, and what was hidden in it."""
+    def write_start(self, env_index: int, start: Start) -> None:
+        """Write the hidden quantities, and the waypoints or those that the drawn numbers give."""
         record = self.batch[env_index]
+        start.hidden.write(record)
+        record["noise_seed"] = start.noise_seed
+        if start.waypoints is None:
+            reference.draw_reference(self.batch, self.model, env_index, start.numbers)
+        else:
+            start.waypoints.write(record)
+
+    def outcome(self, record: Any) -> dict[str, Any]:
+        """Errors, torques, and the hidden payload and friction."""
         steps = int(record["judged_steps"])
         judged = bool(record["truncated"]) and steps > 0
         tip_rms = math.sqrt(record["tip_squares"] / steps) if judged else math.inf
@@ -208,77 +196,40 @@ class ExcavatorPayload(Task):
             "friction_scale": float(record["friction_scale"]),
             "torque_l1": float(record["torque_l1"]),
             "peak_torque": float(record["peak_torque"]),
-            **self.limit_info(env_index),
         }
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
-        """Come to rest at the next waypoint when it is due, from where the reference is now.
+        """Come to rest at the next waypoint when it is due, from the state of the reference.
 
-        What is measured is noisy, and to be brought to the reference by a controller in any case.
-
-        The arm is `planners.excavator.plane.planar_arm`, in the same joint angles, with a payload of 175 kg; 35 % of
-        its torque limits are kept for what it leaves out and for heavier loads.
+        The motion starts from the reference and not from the noisy measurements: a controller tracks it. The arm is
+        `planners.excavator.plane.planar_arm`, in the same joint angles, with a payload of 175 kg; 35 % of its torque
+        limits are kept for what it leaves out and for heavier payloads.
         """
         seen = self.layout.parse(observation)
-        return MotionProblem(
-            arm=self.arm,
-            q=seen["joint_position"] + seen["reference_error"],
-            qd=seen["reference_velocity"],
-            qdd=seen["reference_acceleration"],
-            target=FixedJoints(seen["waypoint"]),
-            horizon=max(float(seen["waypoint_time"][0]), self.config.control_period),
-            limits=self._planning_limits,
-            payload=TYPICAL_PAYLOAD,
-        )
-
-    @property
-    def residual_scale(self) -> Array:
-        """What an action of 1 adds in residual mode, ``(n,)``, N m."""
-        scale: Array = RESIDUAL_SHARE * np.array(self.arm.limits.torque)
-        return scale
-
-    def empty_bucket_torque(self, seen: dict[str, Array]) -> Array:
-        """Torques of the controller under a residual before limits, for parsed observations, ``(num_envs, n)``, N m."""
-        reference = np.stack(
-            [
-                seen["joint_position"] + seen["reference_error"],
-                seen["reference_velocity"],
-                seen["reference_acceleration"],
-            ],
-            axis=1,
-        )
-        tau = np.empty_like(seen["joint_position"])
-        for env_index, (q, qd) in enumerate(zip(seen["joint_position"], seen["joint_velocity"], strict=True)):
-            empty_bucket_torque(self.model[0], q, qd, reference[env_index], tau[env_index])
-        return tau
+        state = {
+            "joint_position": seen["joint_position"] + seen["reference_error"],
+            "joint_velocity": seen["reference_velocity"],
+            "joint_acceleration": seen["reference_acceleration"],
+            "time_left": seen["waypoint_time"],
+        }
+        target = FixedJoints(seen["waypoint"])
+        return self._problem(state, target, limits=self._planning_limits, payload=TYPICAL_PAYLOAD)
 
     def hand_position(self, env_index: int) -> Array:
-        """Where the tip of the tool is, ``(2,)``, m."""
+        """Position of the tip of the tool, ``(2,)``, m."""
         tip: Array = self.batch["tip"][env_index].copy()
         return tip
 
-    @property
-    def view(self) -> tuple[float, float, float, float]:
-        """Stretch of the plane a frame shows, m."""
-        return (-0.7, 4.3, -1.6, 3.6)
-
-    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this environment shows."""
-        record = self.batch[env_index]
+    def picture(self, record: Any) -> dict[str, Any]:
+        """The bucket and its payload, the reference of its tip, and the tip's errors."""
         joints = self.arm.joint_positions(record["q"])
         joints[-1] = record["tip"]
         error, judged = float(record["tip_error"]), int(record["judged_steps"])
         rms = math.sqrt(record["tip_squares"] / max(1, judged))
-        ratios = self.limit_info(env_index)["limit_ratios"]
-        return Scene(
-            joints=joints,
-            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
-            time=int(record["step"]) * self.config.control_period,
-            horizon=self.config.horizon,
-            title=self.env_id,
-            target=record["wanted_tip"].copy(),
-            trail=np.array(trail),
-            status=(
+        return {
+            "joints": joints,
+            "target": record["wanted_tip"].copy(),
+            "status": (
                 ("tip error", f"{1e3 * error:.1f} mm", error <= self.config.peak_tolerance),
                 (
                     "rms when judged",
@@ -287,18 +238,16 @@ class ExcavatorPayload(Task):
                 ),
                 ("load", f"{float(record['load']):.0f} kg", True),
             ),
-            bucket=float(record["load"]) / excavator_reference.HEAVIEST,
-            ground=0.0,
-            limit_gauges=(("velocity", ratios["velocity"]),),
-            settled=bool(record["success"]),
-        )
+            "bucket": float(record["load"]) / reference.HEAVIEST,
+            "ground": 0.0,
+        }
 
     def _given_waypoints(self, options: ExcavatorPayloadOptions) -> Waypoints | None:
         if options.waypoints is None and options.arrival_times is not None:
             raise ValueError("arrival_times are given without waypoints; give both")
         if options.waypoints is not None:
-            return given_waypoints(self.model, np.array(options.waypoints), options.arrival_times)
-        return work_cycle(self.model, self.config.horizon) if options.scenario == "cycle" else None
+            return reference.given_waypoints(self.model, np.array(options.waypoints), options.arrival_times)
+        return reference.work_cycle(self.model, self.config.horizon) if options.scenario == "cycle" else None
 
 
 class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
@@ -376,9 +325,7 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
     | `limit_ratios` | at the end | worst value / limit of each kind |
 
     ## Arguments
-    The fields of `ExcavatorPayloadConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
-    `lightest`, `level`, `noise`, `rms_tolerance`, `peak_tolerance`, `reward_distance`, `smoothness_weight`,
-    `failure_penalty`.
+{ExcavatorPayloadConfig.table()}
 
     ## Version history
     * v0: first version.

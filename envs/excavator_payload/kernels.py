@@ -57,12 +57,7 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("damping", "f8", (N_JOINTS,)),
     ("judged_after", "i8"),
     ("settling_steps", "i8"),
-    ("rms_tolerance", "f8"),
-    ("peak_tolerance", "f8"),
     ("step_reward", "f8"),
-    ("reward_distance", "f8"),
-    ("smoothness_weight", "f8"),
-    ("failure_penalty", "f8"),
 ]
 """What the model record holds for this task: the controller under a residual, and how episodes are scored."""
 
@@ -150,7 +145,7 @@ def _command(env: Any, shared: Any) -> float:
 @njit(cache=True, nogil=True)
 def _add_to_controller(env: Any, shared: Any) -> None:
     """The controller's torques plus the action's, within the limits."""
-    empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, env.tau)
+    _empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, env.tau)
     for i in range(N_JOINTS):
         limit = shared.limits[0, i]
         wanted = env.tau[i] + RESIDUAL_SHARE[i] * limit * min(1.0, max(-1.0, env.action[i]))
@@ -158,7 +153,7 @@ def _add_to_controller(env: Any, shared: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau: Array) -> None:
+def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau: Array) -> None:
     """Slotine and Li's controller for the empty bucket, without adaptation, written to ``tau`` ``(n,)``, N m."""
     qd_r, qdd_r = np.empty(N_JOINTS), np.empty(N_JOINTS)
     for i in range(N_JOINTS):
@@ -216,20 +211,21 @@ def _ran_away(env: Any) -> bool:
 
 @njit(cache=True, nogil=True)
 def _observe(env: Any, shared: Any) -> None:
-    """Write the observation: the entries of the layout, in its order."""
-    seen, ahead = env.seen, np.empty((3, N_JOINTS))
-    seen[0:3] = env.measured[0]
-    seen[3:6] = env.measured[1]
-    seen[6:9] = env.reference[0] - env.measured[0]
-    seen[9:12] = env.reference[1]
-    seen[12:15] = env.reference[2]
+    """Write the observation."""
+    seen = env.seen
+    seen.joint_position[:] = env.measured[0]
+    seen.joint_velocity[:] = env.measured[1]
+    seen.reference_error[:] = env.reference[0] - env.measured[0]
+    seen.reference_velocity[:] = env.reference[1]
+    seen.reference_acceleration[:] = env.reference[2]
+    ahead = np.empty((3, N_JOINTS))
     for k in range(len(LOOKAHEAD)):
         reference_at(env, shared, env.step + LOOKAHEAD[k] / shared.control_period, ahead)
-        seen[15 + 3 * k : 18 + 3 * k] = ahead[0] - env.reference[0]
-    seen[24:27] = env.error_integral
+        seen.reference_ahead[k] = ahead[0] - env.reference[0]
+    seen.error_integral[:] = env.error_integral
     for i in range(N_JOINTS):
-        seen[27 + i] = env.tau[i] / shared.limits[0, i]
-    seen[30:33] = env.waypoints[env.leg]
-    seen[33] = max(0.0, (env.due[env.leg] - env.step) * shared.control_period)
-    seen[34] = (shared.horizon_steps - env.step) * shared.control_period
+        seen.last_torque[i] = env.tau[i] / shared.limits[0, i]
+    seen.waypoint[:] = env.waypoints[env.leg]
+    seen.waypoint_time = max(0.0, (env.due[env.leg] - env.step) * shared.control_period)
+    seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     finish_observation(env, shared)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
@@ -11,13 +11,13 @@ import numpy as np
 from pydantic import Field
 
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
-from envs.min_torque_move.kernels import ENV_FIELDS, MODEL_FIELDS, SHAPE_SCALE, advance_batch, reset_env
+from envs.min_torque_move import kernels
+from envs.min_torque_move.kernels import SHAPE_SCALE
 from envs.min_torque_move.moves import Move, random_move
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
-from envs.rendering import Scene
 from envs.settings import Settings
-from envs.task import Options, Task, TaskSettings
+from envs.task import LimitSettings, Task
 from planners import PLANAR_3R, FixedJoints, Infeasible, MotionProblem, lagrange, quintic
 from planners.control import Gains
 from planners.motion.time_laws import SHAPES
@@ -26,29 +26,23 @@ from planners.robot.arm import Arm
 Angles = tuple[float, float, float]
 
 
-class MinTorqueMoveConfig(TaskSettings):
-    """Settings of MinTorqueMove-v0, beside those of every task.
+class MinTorqueMoveConfig(LimitSettings):
+    """Settings of MinTorqueMove-v0.
 
     Attributes:
-        gravity: along -y, m/s^2; 0 for the horizontal plane, 9.81 for a vertical one.
+        gravity: gravity along -y, m/s^2; 0 for the horizontal plane, 9.81 for a vertical one.
         horizon: longest move that is drawn, s.
         angle_tolerance: largest error of a joint angle at the end that counts as reached, rad.
         velocity_tolerance: largest joint velocity at the end that counts as at rest, rad/s.
-        limit_tolerance: share by which a joint range may be exceeded before it counts as broken.
-        limit_penalty: cost of one control period outside a joint range; twice that where by 100 % or more.
         miss_penalty: cost of ending just outside the tolerances; twice that where far outside.
     """
 
     control_mode: Literal["torque", "motion"] = "torque"
     control_period: float = Field(0.005, gt=0.0)
     physics_step: float = Field(0.001, gt=0.0)
-    horizon: float = Field(3.0, gt=0.0, le=60.0)
-    payload: float = Field(0.0, ge=0.0, le=10.0)
     gravity: float = Field(0.0, ge=0.0, le=30.0)
     angle_tolerance: float = Field(0.02, gt=0.0)
     velocity_tolerance: float = Field(0.05, gt=0.0)
-    limit_tolerance: float = Field(0.005, ge=0.0)
-    limit_penalty: float = Field(2.0, ge=0.0)
     miss_penalty: float = Field(2.0, ge=0.0)
 
 
@@ -73,14 +67,14 @@ PAPER_MOVE = Move(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0)
 
 LAYOUT = Layout(
     (
-        Entry("joint_position", 3, math.pi, 4.0, "rad", "angles of the joints"),
-        Entry("joint_velocity", 3, 5.0, 20.0, "rad/s", "their velocities"),
-        Entry("joint_acceleration", 3, 20.0, 100.0, "rad/s^2", "their mean accelerations over the last control period"),
-        Entry("goal", 3, math.pi, 4.0, "rad", "angles to reach"),
-        Entry("goal_error", 3, 1.0, 20.0, "rad", "from the angles to the goal"),
-        Entry("torque_limit", 3, 20.0, 10.0, "N m", "largest torque of each joint"),
-        Entry("time_left", 1, 1.0, 60.0, "s", "until the move must be done"),
-        Entry("quintic_torque", 1, 10.0, 100.0, "N m", "summed absolute torque of the quintic, mean over the move"),
+        Entry("joint_position", (3,), math.pi, 4.0, "rad", "angles of the joints"),
+        Entry("joint_velocity", (3,), 5.0, 20.0, "rad/s", "their velocities"),
+        Entry("joint_acceleration", (3,), 20.0, 100.0, "rad/s^2", "their mean accelerations over the last period"),
+        Entry("goal", (3,), math.pi, 4.0, "rad", "angles to reach"),
+        Entry("goal_error", (3,), 1.0, 20.0, "rad", "from the angles to the goal"),
+        Entry("torque_limit", (3,), 20.0, 10.0, "N m", "largest torque of each joint"),
+        Entry("time_left", (), 1.0, 60.0, "s", "until the move must be done"),
+        Entry("quintic_torque", (), 10.0, 100.0, "N m", "summed absolute torque of the quintic, mean over the move"),
     )
 )
 """What an observation of MinTorqueMove-v0 holds."""
@@ -89,103 +83,69 @@ LAYOUT = Layout(
 class MinTorqueMove(Task):
     """The minimal-torque move over a batch of environments; `MinTorqueMoveEnv` documents it."""
 
-    env_id: ClassVar[str] = "MinTorqueMove-v0"
+    env_id = "MinTorqueMove-v0"
+    config_type = MinTorqueMoveConfig
+    options_type = MinTorqueMoveOptions
+    kernels: ClassVar[Any] = kernels
     layout = LAYOUT
-    reward_terms: ClassVar[tuple[str, ...]] = ("effort", "goal", "limits")
+    reward_terms = ("effort", "goal", "limits")
+    gauges = ("angle",)
+    view = (-0.95, 0.95, -0.9, 0.9)
     config: MinTorqueMoveConfig
 
     def __init__(self, config: MinTorqueMoveConfig, num_envs: int) -> None:
         arm = replace(PLANAR_3R, gravity=config.gravity)
-        super().__init__(config, arm, num_envs, extra_env=ENV_FIELDS, extra_model=MODEL_FIELDS)
+        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, kernels.MODEL_FIELDS)
         gains = Gains.sampled(config.control_period)
         self.model["position_gain"], self.model["velocity_gain"] = gains.position, gains.velocity
         self.model["whole_motion"] = config.control_mode == "motion"
-        self._copy_settings("angle_tolerance", "velocity_tolerance", "limit_tolerance", "limit_penalty", "miss_penalty")
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:
-        """Numbers in an action: a torque a joint, or all coefficients of a motion."""
+        """Numbers in an action: one torque per joint, or all coefficients of a motion."""
         return arm.n_joints * (SHAPES if config.control_mode == "motion" else 1)
 
     @staticmethod
     def actuation_mode(config: Any) -> ControlMode:
-        """A motion is followed by torques."""
+        """Torque: the kernels follow a motion by torques."""
         return "torque"
 
-    @classmethod
-    def make(cls, config: Mapping[str, Any], num_envs: int) -> MinTorqueMove:
-        """The task from settings by name; unknown names are refused."""
-        return cls(MinTorqueMoveConfig.parse(config, f"{cls.env_id} setting"), num_envs)
+    def draw(self, generators: Sequence[np.random.Generator], options: MinTorqueMoveOptions) -> list[Move]:
+        """One feasible move per generator, drawn or given."""
+        return [self._move(generator, options) for generator in generators]
 
-    def reset_envs(
-        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
-    ) -> None:
-        """Begin an episode in some environments; see `MinTorqueMoveOptions`.
-
-        Raises:
-            ValueError: for unknown options, or a move that cannot be made; nothing has changed then.
-        """
-        chosen = MinTorqueMoveOptions.parse(options, f"{self.env_id} option")
-        moves = [self._move(generator, chosen) for generator in generators]
-        for env_index, move in zip(env_indices, moves, strict=True):
-            record = self.batch[env_index]
-            record["q"], record["goal"] = move.start, move.goal
-            record["duration_steps"] = round(move.duration / self.config.control_period)
-            reset_env(self.batch, self.model, env_index)
-
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period."""
-        advance_batch(self.batch, self.model, first, last)
-
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """Torque spent, its ratio to the quintic's, errors at the end and limit ratios of an environment's episode."""
+    def write_start(self, env_index: int, start: Move) -> None:
+        """Write start, goal and duration of a move."""
         record = self.batch[env_index]
+        record["q"], record["goal"] = start.start, start.goal
+        record["duration_steps"] = round(start.duration / self.config.control_period)
+
+    def outcome(self, record: Any) -> dict[str, Any]:
+        """Torque spent, its ratio to the quintic's, and errors at the end."""
         names = ("torque_l1", "torque_l2", "angle_error", "velocity_error", "peak_torque")
         return {
             **{name: float(record[name]) for name in names},
             "quintic_ratio": float(record["torque_l1"] / record["quintic_l1"]),
-            **self.limit_info(env_index),
         }
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """Come to rest at the goal when the time is over, from the observed joint state."""
         seen = self.layout.parse(observation)
-        return MotionProblem(
-            arm=self.arm,
-            q=seen["joint_position"],
-            qd=seen["joint_velocity"],
-            qdd=seen["joint_acceleration"],
-            target=FixedJoints(seen["goal"]),
-            horizon=max(float(seen["time_left"][0]), self.config.control_period),
-        )
+        return self._problem(seen, FixedJoints(seen["goal"]))
 
-    @property
-    def view(self) -> tuple[float, float, float, float]:
-        """Stretch of the plane a frame shows, m."""
-        return (-0.95, 0.95, -0.9, 0.9)
-
-    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this environment shows."""
-        record = self.batch[env_index]
-        period = self.config.control_period
+    def picture(self, record: Any) -> dict[str, Any]:
+        """The goal, errors, and the torque spent so far over the quintic's."""
         angle, velocity = float(record["angle_error"]), float(record["velocity_error"])
         ratio = float(record["torque_l1"] / record["quintic_l1"])
-        return Scene(
-            joints=self.arm.joint_positions(record["q"]),
-            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
-            time=int(record["step"]) * period,
-            horizon=int(record["duration_steps"]) * period,
-            title=self.env_id,
-            target=self.arm.forward_kinematics(record["goal"]),
-            trail=np.array(trail),
-            status=(
+        return {
+            "horizon": int(record["duration_steps"]) * self.config.control_period,
+            "target": self.arm.forward_kinematics(record["goal"]),
+            "status": (
                 ("angle error", f"{angle:.3f} rad", angle <= self.config.angle_tolerance),
                 ("velocity", f"{velocity:.3f} rad/s", velocity <= self.config.velocity_tolerance),
                 ("torque / quintic's", f"{100.0 * ratio:.0f} %", ratio <= 1.0),
             ),
-            limit_gauges=(("joint range", self.limit_info(env_index)["limit_ratios"]["angle"]),),
-            settled=bool(record["success"]),
-        )
+        }
 
     def _move(self, generator: np.random.Generator, options: MinTorqueMoveOptions) -> Move:
         """A move drawn or given, and one that can be made in either case."""
@@ -276,8 +236,7 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     | `limit_ratios` | at the end | worst value / limit of each kind |
 
     ## Arguments
-    The fields of `MinTorqueMoveConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
-    `gravity`, `angle_tolerance`, `velocity_tolerance`, `limit_tolerance`, `limit_penalty`, `miss_penalty`.
+{MinTorqueMoveConfig.table()}
 
     ## Version history
     * v0: first version.

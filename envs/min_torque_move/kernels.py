@@ -34,19 +34,14 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("angle_error", "f8"),
     ("velocity_error", "f8"),
 ]
-"""What an environment's record holds for this task, beside what every task has."""
+"""What an environment's record holds for this task, besides what every task has."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("whole_motion", "?"),
     ("position_gain", "f8"),
     ("velocity_gain", "f8"),
-    ("angle_tolerance", "f8"),
-    ("velocity_tolerance", "f8"),
-    ("limit_tolerance", "f8"),
-    ("limit_penalty", "f8"),
-    ("miss_penalty", "f8"),
 ]
-"""What the model record holds for this task."""
+"""What the model record holds for this task, besides the configuration."""
 
 
 @njit(cache=True, nogil=True)
@@ -127,15 +122,15 @@ def _measure_errors(env: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _observe(env: Any, shared: Any) -> None:
-    """Write the observation: the entries of the layout, in its order."""
+    """Write the observation."""
     seen = env.seen
-    seen[0:3] = env.q
-    seen[3:6] = env.qd
-    seen[6:9] = env.qdd
-    seen[9:12] = env.goal
+    seen.joint_position[:] = env.q
+    seen.joint_velocity[:] = env.qd
+    seen.joint_acceleration[:] = env.qdd
+    seen.goal[:] = env.goal
     for i in range(3):
-        seen[12 + i] = env.goal[i] - env.q[i]
-        seen[15 + i] = shared.limits[0, i]
-    seen[18] = (env.duration_steps - env.step) * shared.control_period
-    seen[19] = env.quintic_l1 / (env.duration_steps * shared.control_period)
+        seen.goal_error[i] = env.goal[i] - env.q[i]
+        seen.torque_limit[i] = shared.limits[0, i]
+    seen.time_left = (env.duration_steps - env.step) * shared.control_period
+    seen.quintic_torque = env.quintic_l1 / (env.duration_steps * shared.control_period)
     finish_observation(env, shared)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
@@ -12,41 +12,35 @@ from pydantic import Field
 
 from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
 from envs.observation import Entry, Layout, Observation
-from envs.obstacle_dodge.kernels import MODEL_FIELDS, advance_batch, env_fields, reset_env
+from envs.obstacle_dodge import kernels
 from envs.obstacle_dodge.paths import FARTHEST, FASTEST, NEAREST, PATH_STEP, SLOWEST, SPAWN_CLEARANCE
-from envs.obstacle_dodge.starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, ObstacleDodgeOptions
-from envs.rendering import Scene
-from envs.task import Options, Task, TaskSettings
+from envs.obstacle_dodge.starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, Episode, ObstacleDodgeOptions
+from envs.task import LimitSettings, Task
 from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
 
 
-class ObstacleDodgeConfig(TaskSettings):
-    """Settings of ObstacleDodge-v0, beside those of every task.
+class ObstacleDodgeConfig(LimitSettings):
+    """Settings of ObstacleDodge-v0.
 
     Attributes:
-        num_obstacles: how many discs there are.
+        num_obstacles: number of discs.
         tolerance: largest distance between hand and goal that counts as there, m.
-        hold_time: how long the hand must be there without a break for a success, s.
+        hold_time: time for which the hand must be there without a break for a success, s.
         clearance_margin: clearance below which the clearance term begins, m.
-        clearance_weight: what a second costs with the arm all but touching a disc.
+        clearance_weight: cost of a second with the arm all but touching a disc.
         collision_penalty: cost of a collision.
-        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
-        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
     """
 
     control_mode: Literal["torque", "acceleration", "velocity"] = "torque"
     horizon: float = Field(8.0, gt=0.0, le=60.0)
-    control_period: float = Field(0.02, gt=0.0)
     physics_step: float = Field(0.0025, gt=0.0)
-    payload: float = Field(0.0, ge=0.0, le=10.0)
     num_obstacles: int = Field(1, ge=1, le=4)
     tolerance: float = Field(0.03, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
     clearance_margin: float = Field(0.1, gt=0.0)
     clearance_weight: float = Field(0.5, ge=0.0)
     collision_penalty: float = Field(2.0, ge=0.0)
-    limit_tolerance: float = Field(0.005, ge=0.0)
     limit_penalty: float = Field(0.1, ge=0.0)
 
 
@@ -54,23 +48,27 @@ def layout(discs: int) -> Layout:
     """What an observation of ObstacleDodge-v0 holds."""
     return Layout(
         (
-            Entry("joint_position", 2, math.pi, 4.0, "rad", "angles of the joints"),
-            Entry("joint_velocity", 2, 2.4, 10.0, "rad/s", "their velocities"),
-            Entry("joint_acceleration", 2, 10.0, 20.0, "rad/s^2", "their mean accelerations over the last period"),
-            Entry("hand", 2, 1.0, 2.0, "m", "position of the hand, from the base"),
-            Entry("goal", 2, 1.0, 2.0, "m", "position to reach, from the base"),
-            Entry("goal_error", 2, 1.0, 4.0, "m", "from the hand to the goal"),
-            Entry("obstacle", 2 * discs, 1.0, 10.0, "m", "position of each disc, from the base"),
-            Entry("obstacle_velocity", 2 * discs, 1.0, 10.0, "m/s", "velocity of each disc"),
-            Entry("obstacle_radius", discs, 0.1, 10.0, "m", "radius of each disc"),
-            Entry("posture_error", 4, 1.0, 8.0, "rad", "from the joints to both postures with the hand at the goal"),
-            Entry("obstacle_in_link", 4 * discs, 1.0, 10.0, "m", "position of each disc, in the frame of each link"),
-            Entry("obstacle_velocity_in_link", 4 * discs, 1.0, 10.0, "m/s", "velocity along the axes of each link"),
-            Entry("obstacle_acceleration", 2 * discs, 10.0, 2.0, "m/s^2", "of each disc, along the axes of link 1"),
-            Entry("link_clearance", 2 * discs, 0.5, 10.0, "m", "between the surfaces of each link and each disc"),
-            Entry("clearance", 1, 0.5, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
-            Entry("time_left", 1, 8.0, 10.0, "s", "until the episode ends"),
-            Entry("held", 1, 1.0, 1.0, "-", "share of the hold time for which the hand has been at the goal"),
+            Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_velocity", (2,), 2.4, 10.0, "rad/s", "their velocities"),
+            Entry("joint_acceleration", (2,), 10.0, 20.0, "rad/s^2", "their mean accelerations over the last period"),
+            Entry("hand", (2,), 1.0, 2.0, "m", "position of the hand, from the base"),
+            Entry("goal", (2,), 1.0, 2.0, "m", "position to reach, from the base"),
+            Entry("goal_error", (2,), 1.0, 4.0, "m", "from the hand to the goal"),
+            Entry("obstacle", (discs, 2), 1.0, 10.0, "m", "position of each disc, from the base"),
+            Entry("obstacle_velocity", (discs, 2), 1.0, 10.0, "m/s", "velocity of each disc"),
+            Entry("obstacle_radius", (discs,), 0.1, 10.0, "m", "radius of each disc"),
+            Entry(
+                "posture_error", (2, 2), 1.0, 8.0, "rad", "from the joints to both postures with the hand at the goal"
+            ),
+            Entry(
+                "obstacle_in_link", (discs, 2, 2), 1.0, 10.0, "m", "position of each disc, in the frame of each link"
+            ),
+            Entry("obstacle_velocity_in_link", (discs, 2, 2), 1.0, 10.0, "m/s", "velocity along the axes of each link"),
+            Entry("obstacle_acceleration", (discs, 2), 10.0, 2.0, "m/s^2", "of each disc, along the axes of link 1"),
+            Entry("link_clearance", (discs, 2), 0.5, 10.0, "m", "between the surfaces of each link and each disc"),
+            Entry("clearance", (), 0.5, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
+            Entry("time_left", (), 8.0, 10.0, "s", "until the episode ends"),
+            Entry("held", (), 1.0, 1.0, "-", "share of the hold time for which the hand has been at the goal"),
         )
     )
 
@@ -78,73 +76,59 @@ def layout(discs: int) -> Layout:
 class ObstacleDodge(Task):
     """The dodging task over a batch of environments; `ObstacleDodgeEnv` documents it."""
 
-    env_id: ClassVar[str] = "ObstacleDodge-v0"
-    reward_terms: ClassVar[tuple[str, ...]] = ("progress", "goal", "clearance", "collision", "limits")
+    env_id = "ObstacleDodge-v0"
+    config_type = ObstacleDodgeConfig
+    options_type = ObstacleDodgeOptions
+    kernels: ClassVar[Any] = kernels
+    reward_terms = ("progress", "goal", "clearance", "collision", "limits")
+    gauges = ("velocity", "acceleration")
+    view = (-1.42, 1.42, -1.42, 1.42)
     config: ObstacleDodgeConfig
 
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
         self.layout = layout(config.num_obstacles)
         samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
-        fields = env_fields(samples, config.num_obstacles)
-        super().__init__(config, SCARA_50CM, num_envs, extra_env=fields, extra_model=MODEL_FIELDS)
+        fields = kernels.env_fields(samples, config.num_obstacles)
+        super().__init__(config, SCARA_50CM, num_envs, fields, kernels.MODEL_FIELDS)
         self.model["link_radius"] = self.arm.link_radius
         self.model["hold_steps"] = self._hold_steps(config.hold_time)
-        self._copy_settings("tolerance", "clearance_margin", "clearance_weight", "collision_penalty")
-        self._copy_settings("limit_tolerance", "limit_penalty")
         acceleration = 0.5 * np.array(self.arm.limits.acceleration)
         self._planning_limits = replace(self.arm.limits, acceleration=tuple(acceleration.tolist()))
         self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)
 
-    @classmethod
-    def make(cls, config: Mapping[str, Any], num_envs: int) -> ObstacleDodge:
-        """The task from settings by name; unknown names are refused."""
-        return cls(ObstacleDodgeConfig.parse(config, f"{cls.env_id} setting"), num_envs)
+    def draw(self, generators: Sequence[np.random.Generator], options: ObstacleDodgeOptions) -> list[Episode]:
+        """One posture, goal and set of disc paths per generator, drawn or given."""
+        if options.scenario == "paper":
+            given = options.model_dump(exclude={"scenario"}, exclude_none=True)
+            options = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
+        return [self._starts.draw(generator, options) for generator in generators]
 
-    def reset_envs(
-        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
-    ) -> None:
-        """Begin an episode in some environments; see `ObstacleDodgeOptions`.
-
-        Raises:
-            ValueError: for unknown options, or an episode that cannot be won; nothing has changed then.
-        """
-        chosen = ObstacleDodgeOptions.parse(options, f"{self.env_id} option")
-        if chosen.scenario == "paper":
-            given = chosen.model_dump(exclude={"scenario"}, exclude_none=True)
-            chosen = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
-        episodes = [self._starts.draw(generator, chosen) for generator in generators]
-        for env_index, episode in zip(env_indices, episodes, strict=True):
-            record = self.batch[env_index]
-            record["q"], record["goal"] = episode.start, episode.goal + self.arm.base_array
-            record["radii"], record["path"] = episode.radius, episode.path + self.arm.base_array
-            reset_env(self.batch, self.model, env_index)
-
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period."""
-        advance_batch(self.batch, self.model, first, last)
-
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """Collision, clearance, time to the goal and limit ratios of an environment's episode."""
+    def write_start(self, env_index: int, start: Episode) -> None:
+        """Write posture, goal and disc paths."""
         record = self.batch[env_index]
-        since = int(record["step"]) - int(record["held_steps"]) + 1
+        record["q"], record["goal"] = start.start, start.goal + self.arm.base_array
+        record["radii"], record["path"] = start.radius, start.path + self.arm.base_array
+
+    def outcome(self, record: Any) -> dict[str, Any]:
+        """Collision, clearance, time to the goal and distance from it."""
+        arrival = self._seconds_held(record, int(record["held_steps"]))
         return {
             "collision": bool(record["collision"]),
             "min_clearance": float(record["min_clearance"]),
-            "time_to_goal": since * self.config.control_period if record["success"] else math.inf,
+            "time_to_goal": arrival if record["success"] else math.inf,
             "goal_distance": float(record["distance"]),
-            **self.limit_info(env_index),
         }
 
     def obstacle_path(self, env_index: int) -> Array:
         """Disc positions over the whole episode, at multiples of `PATH_STEP`, ``(samples, discs, 2)``, m.
 
-        No policy is told: this is for oracles and pictures.
+        For bounds and pictures: no policy observes it.
         """
         path: Array = self.batch["path"][env_index].copy()
         return path
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """The goal, which stands still: position, velocity and acceleration, each ``(..., 2)``."""
+        """The fixed goal: position, velocity and acceleration, each ``(..., 2)``."""
         position = seen["goal"] + self.arm.base_array
         return position, np.zeros_like(position), np.zeros_like(position)
 
@@ -157,47 +141,25 @@ class ObstacleDodge(Task):
         positions = seen["obstacle"].reshape(-1, 2) + self.arm.base_array
         velocities = seen["obstacle_velocity"].reshape(-1, 2)
         discs = zip(positions, velocities, seen["obstacle_radius"].tolist(), strict=True)
-        return MotionProblem(
-            arm=self.arm,
-            q=seen["joint_position"],
-            qd=seen["joint_velocity"],
-            qdd=seen["joint_acceleration"],
-            target=FixedHand(self.hand_goal(seen)[0]),
-            horizon=max(float(seen["time_left"][0]), self.config.control_period),
-            limits=self._planning_limits,
-            obstacles=tuple(Obstacle(*disc) for disc in discs),
+        obstacles = tuple(Obstacle(*disc) for disc in discs)
+        return self._problem(
+            seen, FixedHand(self.hand_goal(seen)[0]), limits=self._planning_limits, obstacles=obstacles
         )
 
-    @property
-    def view(self) -> tuple[float, float, float, float]:
-        """Stretch of the plane a frame shows, m."""
-        return (-1.42, 1.42, -1.42, 1.42)
-
-    def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
-        """What a frame of this environment shows."""
-        record = self.batch[env_index]
-        period = self.config.control_period
+    def picture(self, record: Any) -> dict[str, Any]:
+        """Goal and discs, distance, least clearance, and for how long the goal has been held."""
         distance, clearance = float(record["distance"]), float(record["min_clearance"])
-        held = int(record["held_steps"]) * period
-        ratios = self.limit_info(env_index)["limit_ratios"]
+        held = int(record["held_steps"]) * self.config.control_period
         discs = zip(record["discs"].tolist(), record["radii"].tolist(), strict=True)
-        return Scene(
-            joints=self.arm.joint_positions(record["q"]),
-            torque_ratios=record["tau"] / np.array(self.arm.limits.torque),
-            time=int(record["step"]) * period,
-            horizon=self.config.horizon,
-            title=self.env_id,
-            target=record["goal"].copy(),
-            obstacles=tuple((x, y, radius) for (x, y), radius in discs),
-            trail=np.array(trail),
-            status=(
+        return {
+            "target": record["goal"].copy(),
+            "obstacles": tuple((x, y, radius) for (x, y), radius in discs),
+            "status": (
                 ("distance to goal", f"{1e3 * distance:.0f} mm", distance <= self.config.tolerance),
                 ("least clearance", f"{1e3 * clearance:.0f} mm", clearance > 0.0),
                 ("held", f"{held:.2f} s", bool(record["success"])),
             ),
-            limit_gauges=tuple((kind, ratios[kind]) for kind in ("velocity", "acceleration")),
-            settled=bool(record["success"]),
-        )
+        }
 
 
 class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
@@ -257,9 +219,7 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     | `limit_ratios` | at the end | worst value / limit of each kind |
 
     ## Arguments
-    The fields of `ObstacleDodgeConfig`: `control_mode`, `control_period`, `physics_step`, `horizon`, `payload`,
-    `num_obstacles`, `tolerance`, `hold_time`, `clearance_margin`, `clearance_weight`, `collision_penalty`,
-    `limit_tolerance`, `limit_penalty`.
+{ObstacleDodgeConfig.table()}
 
     ## Version history
     * v0: first version.

@@ -36,17 +36,8 @@ def env_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
     ]
 
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("link_radius", "f8"),
-    ("tolerance", "f8"),
-    ("hold_steps", "i8"),
-    ("clearance_margin", "f8"),
-    ("clearance_weight", "f8"),
-    ("collision_penalty", "f8"),
-    ("limit_tolerance", "f8"),
-    ("limit_penalty", "f8"),
-]
-"""What the model record holds for this task."""
+MODEL_FIELDS: list[tuple[Any, ...]] = [("link_radius", "f8"), ("hold_steps", "i8")]
+"""What the model record holds for this task, besides the configuration."""
 
 
 @njit(cache=True, nogil=True)
@@ -148,65 +139,57 @@ def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_
 
 @njit(cache=True, nogil=True)
 def _observe(env: Any, shared: Any) -> None:
-    """Write the observation: the entries of the layout, in its order."""
+    """Write the observation."""
     seen = env.seen
-    discs = env.radii.shape[0]
-    seen[0:2] = env.q
-    seen[2:4] = env.qd
-    seen[4:6] = env.qdd
+    seen.joint_position[:] = env.q
+    seen.joint_velocity[:] = env.qd
+    seen.joint_acceleration[:] = env.qdd
     for axis in range(2):
-        seen[6 + axis] = env.hand[axis] - shared.base[axis]
-        seen[8 + axis] = env.goal[axis] - shared.base[axis]
-        seen[10 + axis] = env.goal[axis] - env.hand[axis]
-    place = 12
-    for disc in range(discs):
+        seen.hand[axis] = env.hand[axis] - shared.base[axis]
+        seen.goal[axis] = env.goal[axis] - shared.base[axis]
+        seen.goal_error[axis] = env.goal[axis] - env.hand[axis]
+    for disc in range(env.radii.shape[0]):
         for axis in range(2):
-            seen[place + 2 * disc + axis] = env.discs[disc, axis] - shared.base[axis]
-            seen[place + 2 * discs + 2 * disc + axis] = env.disc_velocities[disc, axis]
-        seen[place + 4 * discs + disc] = env.radii[disc]
-    place += 5 * discs
-    _observe_postures(env, shared, place)
-    _observe_from_links(env, shared, place + 4)
-    place += 4 + 12 * discs
-    seen[place] = env.clearance
-    seen[place + 1] = (shared.horizon_steps - env.step) * shared.control_period
-    seen[place + 2] = min(1.0, env.held_steps / shared.hold_steps)
+            seen.obstacle[disc, axis] = env.discs[disc, axis] - shared.base[axis]
+            seen.obstacle_velocity[disc, axis] = env.disc_velocities[disc, axis]
+        seen.obstacle_radius[disc] = env.radii[disc]
+        _observe_from_links(env, shared, disc)
+    _observe_postures(env, shared)
+    seen.clearance = env.clearance
+    seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
+    seen.held = min(1.0, env.held_steps / shared.hold_steps)
     finish_observation(env, shared)
 
 
 @njit(cache=True, nogil=True)
-def _observe_postures(env: Any, shared: Any, place: int) -> None:
-    """What is left to both postures with the hand at the goal."""
+def _observe_postures(env: Any, shared: Any) -> None:
+    """Write the joint errors to both postures with the hand at the goal."""
     x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
     for branch in range(2):
         q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
-        env.seen[place + 2 * branch] = q1 - env.q[0]
-        env.seen[place + 2 * branch + 1] = q2 - env.q[1]
+        env.seen.posture_error[branch, 0] = q1 - env.q[0]
+        env.seen.posture_error[branch, 1] = q2 - env.q[1]
 
 
 @njit(cache=True, nogil=True)
-def _observe_from_links(env: Any, shared: Any, place: int) -> None:
-    """Discs as the links see them: position, velocity, acceleration and clearance, entry by entry."""
+def _observe_from_links(env: Any, shared: Any, disc: int) -> None:
+    """Write position, velocity, acceleration and clearance of a disc in the frames of the links."""
     seen = env.seen
-    discs = env.radii.shape[0]
-    velocities, accelerations, clearances = place + 4 * discs, place + 8 * discs, place + 10 * discs
-    for disc in range(discs):
-        x, y = env.discs[disc, 0] - shared.base[0], env.discs[disc, 1] - shared.base[1]
-        vx, vy = env.disc_velocities[disc]
-        ax = (vx - env.disc_velocities_before[disc, 0]) / shared.control_period
-        ay = (vy - env.disc_velocities_before[disc, 1]) / shared.control_period
-        angle = 0.0
-        for link in range(2):
-            angle += env.q[link]
-            c, s = math.cos(angle), math.sin(angle)
-            along, across = c * x + s * y, c * y - s * x
-            at = 4 * disc + 2 * link
-            seen[place + at], seen[place + at + 1] = along, across
-            seen[velocities + at], seen[velocities + at + 1] = c * vx + s * vy, c * vy - s * vx
-            if link == 0:
-                seen[accelerations + 2 * disc] = c * ax + s * ay
-                seen[accelerations + 2 * disc + 1] = c * ay - s * ax
-            beyond = along - min(shared.lengths[link], max(0.0, along))
-            gap = math.hypot(beyond, across) - shared.link_radius - env.radii[disc]
-            seen[clearances + 2 * disc + link] = gap
-            x, y = x - shared.lengths[link] * c, y - shared.lengths[link] * s
+    x, y = env.discs[disc, 0] - shared.base[0], env.discs[disc, 1] - shared.base[1]
+    vx, vy = env.disc_velocities[disc]
+    ax = (vx - env.disc_velocities_before[disc, 0]) / shared.control_period
+    ay = (vy - env.disc_velocities_before[disc, 1]) / shared.control_period
+    angle = 0.0
+    for link in range(2):
+        angle += env.q[link]
+        c, s = math.cos(angle), math.sin(angle)
+        along, across = c * x + s * y, c * y - s * x
+        seen.obstacle_in_link[disc, link, 0], seen.obstacle_in_link[disc, link, 1] = along, across
+        seen.obstacle_velocity_in_link[disc, link, 0] = c * vx + s * vy
+        seen.obstacle_velocity_in_link[disc, link, 1] = c * vy - s * vx
+        if link == 0:
+            seen.obstacle_acceleration[disc, 0] = c * ax + s * ay
+            seen.obstacle_acceleration[disc, 1] = c * ay - s * ax
+        beyond = along - min(shared.lengths[link], max(0.0, along))
+        seen.link_clearance[disc, link] = math.hypot(beyond, across) - shared.link_radius - env.radii[disc]
+        x, y = x - shared.lengths[link] * c, y - shared.lengths[link] * s

@@ -11,14 +11,14 @@ from envs.physics.world import place_arm
 
 @njit(cache=True, nogil=True)
 def begin_episode(env: Any, shared: Any) -> None:
-    """Put the arm at rest at ``environment.q``, and forget the last episode."""
+    """Place the arm at rest at ``env.q``, with all counters cleared."""
     clear_episode(env)
     place_arm(env, shared)
 
 
 @njit(cache=True, nogil=True)
 def clear_episode(env: Any) -> None:
-    """Forget the last episode; joints are at rest."""
+    """Clear the counters of the last episode; the joints are at rest."""
     env.qd[:] = 0.0
     env.qdd[:] = 0.0
     env.tau[:] = 0.0
@@ -33,7 +33,7 @@ def clear_episode(env: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def sum_reward(env: Any) -> None:
-    """The reward is the sum of its terms."""
+    """Write the reward, the sum of its terms."""
     env.reward = 0.0
     for term in env.reward_terms:
         env.reward += term
@@ -47,7 +47,8 @@ def limit_cost(ratio: float, tolerance: float) -> float:
 
 @njit(cache=True, nogil=True)
 def finish_observation(env: Any, shared: Any) -> None:
-    """Scale and clip the physical values in ``environment.seen`` into ``environment.observation``."""
-    for element in range(env.seen.shape[0]):
-        value = env.seen[element] / shared.scales[element]
+    """Scale and clip the physical values ``env.seen`` into ``env.observation``."""
+    seen = env.seen.flat
+    for element in range(seen.shape[0]):
+        value = seen[element] / shared.scales[element]
         env.observation[element] = min(shared.bounds[element], max(-shared.bounds[element], value))

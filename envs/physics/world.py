@@ -1,11 +1,11 @@
 """The physics: arms as rigid bodies joined by pivots in Pymunk, one space per environment.
 
-Three choices make Pymunk a good manipulator simulator (``python -m tools.physics_fidelity`` prints what each is worth):
+Three choices make Pymunk a good manipulator simulator (``python -m tools.physics_fidelity`` measures the effect):
 
-* ``error_bias = 0`` on every pivot. The default makes joints soft, and a soft joint eats energy.
+* ``error_bias = 0`` on every pivot. The default makes joints soft, and a soft joint dissipates energy.
 * Chipmunk moves positions before it updates velocities, so after a step the velocity belongs to time t and the
   position to t - h/2. Positions are therefore written half a step back and read half a step ahead.
-* Joints are made anew at every reset, because a used joint starts the next episode with its old impulses.
+* Joints are initialised again at every reset: a used joint would start the next episode with its old impulses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from planners.typing import Array
 Records = NDArray[np.void]
 
 PYMUNK_ERROR_BIAS = 0.9**60
-"""Pymunk's own default: the share of a joint error that is left after one second."""
+"""Pymunk's default: share of a joint error that remains after one second."""
 
 
 def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
@@ -41,7 +41,7 @@ def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
 
 
 def body_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of the model record that the physics needs: the arm as it really is, payload included."""
+    """Fields of the model record for the physics: the arm with its payload."""
     return [
         ("lengths", "f8", (n_joints,)),
         ("coms", "f8", (n_joints,)),
@@ -54,15 +54,15 @@ def body_fields(n_joints: int) -> list[tuple[Any, ...]]:
 
 
 class World:
-    """The Pymunk spaces of a batch of environments, each holding one arm and, if asked for, one part on a belt.
+    """The Pymunk spaces of a batch of environments, one arm in each.
 
     Args:
-        arm: the arm as it really is (with the payload it holds).
-        batch: environment records with `arm_fields`, and ``part`` if there is a part; the addresses are filled in.
-        model: the one record of what all environments share, with `body_fields`; filled in.
+        arm: the arm with the payload that it holds.
+        batch: environment records with `arm_fields`; the addresses are filled in.
+        model: the record that all environments share, with `body_fields`; filled in.
         control_period: time for which a torque is held, s.
         physics_step: time of one Chipmunk step, s.
-        pymunk_defaults: leave out the first two choices above, to show what they are worth.
+        pymunk_defaults: leave out the first two choices above, to measure their effect.
 
     Raises:
         ValueError: if the control period is no integer multiple of the physics step.
@@ -83,13 +83,13 @@ class World:
         model["substeps"] = substeps_per_period(control_period, physics_step)
         model["position_lag"] = 0.0 if pymunk_defaults else 0.5 * physics_step
         model["error_bias"] = PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0
-        self._objects: list[object] = []  # keeps the C structs alive that the addresses point to
+        self._spaces: list[pymunk.Space] = []  # a space keeps its C structs, to which the addresses point, alive
         for env in batch:
             space = pymunk.Space()
             space.gravity = (0.0, -arm.gravity)
             links = [pymunk.Body(mass, inertia) for mass, inertia in zip(arm.masses, arm.inertias, strict=True)]
             space.add(*links)
-            # Anchors and error bias are set by `place_arm`.
+            # `place_arm` sets anchors and error bias.
             parents = [space.static_body, *links[:-1]]
             joints = [pymunk.PivotJoint(*pair, (0.0, 0.0), (0.0, 0.0)) for pair in zip(parents, links, strict=True)]
             space.add(*joints)
@@ -97,21 +97,23 @@ class World:
             env["ground"] = chipmunk.address(space.static_body._body)
             env["links"] = [chipmunk.address(link._body) for link in links]
             env["joints"] = [chipmunk.address(joint._constraint) for joint in joints]
-            self._objects.append((space, links, joints))
-            if "part" in (batch.dtype.names or ()):
-                part = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-                space.add(part)
-                env["part"] = chipmunk.address(part._body)
-                self._objects.append(part)
-        # Pymunk cannot free a space once the interpreter takes its modules apart; this comes before that.
-        weakref.finalize(self, self._objects.clear)
+            self._spaces.append(space)
+        # Pymunk cannot free a space while the interpreter unloads its modules; the finalizer runs before that.
+        weakref.finalize(self, self._spaces.clear)
+
+    def add_kinematic_bodies(self) -> list[int]:
+        """Add a body with a prescribed motion to each space; their addresses."""
+        bodies = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in self._spaces]
+        for space, body in zip(self._spaces, bodies, strict=True):
+            space.add(body)
+        return [chipmunk.address(body._body) for body in bodies]
 
 
 def substeps_per_period(control_period: float, physics_step: float) -> int:
-    """How many physics steps make one control period.
+    """Number of physics steps in one control period.
 
     Raises:
-        ValueError: if that is no whole number.
+        ValueError: if that is not a whole number.
     """
     ratio = control_period / physics_step if physics_step > 0.0 else 0.0
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
@@ -154,9 +156,10 @@ def place_arm(env: Any, model: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def remove_joints(env: Any) -> None:
-    """Take the joints of one environment out of its space.
+    """Remove the joints of one environment from its space.
 
-    All out before the first goes back in: Chipmunk fills a gap with the last joint, and the order decides bits.
+    All are removed before the first is added again: Chipmunk fills a gap with the last joint, and the order of the
+    joints changes the result.
     """
     for joint in env.joints:
         chipmunk.space_remove_constraint(env.space, joint)
@@ -164,10 +167,10 @@ def remove_joints(env: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def renew_joint(env: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
-    """Make joint ``i`` of one environment anew, and put it into the space.
+    """Initialise joint ``i`` of one environment again and add it to the space.
 
-    It holds the place ``outer_end`` on the x axis of the link before (or the base) to ``inner_end`` on that of its own,
-    both in the frames of the bodies, m.
+    It pins the point ``outer_end`` on the x axis of the previous link (or the base) to ``inner_end`` on that of link
+    ``i``, both in the frames of the bodies, m.
     """
     joint = env.joints[i]
     owner = chipmunk.constraint_get_user_data(joint)

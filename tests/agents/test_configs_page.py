@@ -19,7 +19,7 @@ from agents.evaluation.evaluate import known_env_ids
 from agents.yaml_config import shipped_experiments
 from envs.settings import Settings
 from tools import config_tables as configs_page
-from tools.config_tables import PAGE, descriptions, documented, table, updated
+from tools.config_tables import PAGE, documented, updated
 
 TEXT = PAGE.read_text()
 COMMANDS = [
@@ -100,8 +100,8 @@ class Example(Settings):
 
 
 def test_a_docstring_becomes_a_table() -> None:
-    assert descriptions(Example)["length"] == "how long it is, and how far, m."
-    assert table(Example).splitlines()[2:] == [
+    assert Example.descriptions()["length"] == "how long it is, and how far, m."
+    assert Example.table().splitlines()[2:] == [
         "| `speed` | number | `1.0` | m/s | of the hand; never negative |",
         "| `other_speed` | number | `2.0` | m/s | of the hand; never negative |",
         "| `length` | number or null | `null` | m | how long it is, and how far |",
@@ -115,7 +115,7 @@ def test_what_is_not_described_and_where_it_cannot_be_written_is_said(monkeypatc
         weight: float = 1.0
 
     with pytest.raises(ValueError, match="Undescribed does not describe weight"):
-        table(Undescribed)
+        Undescribed.table()
     monkeypatch.setattr(configs_page, "documented", lambda: {"Example": Example})
     with pytest.raises(ValueError, match=r"needs a pair each for \['Example'\]"):
         updated("no marks")

@@ -3,7 +3,7 @@ import pytest
 
 from envs.observation import Entry, Layout
 
-LAYOUT = Layout((Entry("angle", 2, 2.0, 4.0, "rad", "of the joints"), Entry("time", 1, 0.5, 1.0, "s", "left")))
+LAYOUT = Layout((Entry("angle", (2,), 2.0, 4.0, "rad", "of the joints"), Entry("time", (), 0.5, 1.0, "s", "left")))
 
 
 def test_parse_gives_physical_values_by_name() -> None:
