@@ -1,15 +1,14 @@
-"""APF: artificial potential fields. The goal attracts, obstacles repel, and the arm goes where the sum pulls it.
+"""APF: artificial potential fields. The goal attracts, obstacles repel, and the arm follows the sum.
 
 After O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986), and T. H. Kim, M. S. Park,
 S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot".
 
-- ``variant="field"``, the default: the fields that steer the experts, followed into the future: around the whole arm
-  among moving discs (:mod:`planners.apf.dodge`), carried along by a moving target (:mod:`planners.apf.moving_target`),
-  or in joint space with a time to be at rest (:mod:`planners.apf.joint_field`).
+- ``variant="field"``, the default (:mod:`planners.apf.prediction`): the fields of the experts, simulated: around the
+  whole arm among moving discs (:mod:`planners.apf.dodge`), relative to a moving target
+  (:mod:`planners.apf.moving_target`), or in joint space with a time to be at rest (:mod:`planners.apf.joint_field`).
 - ``variant="paper"`` (:mod:`planners.apf.paper`): Khatib's field on the hand, with the paper's distance function.
 
-A field is no plan: in control, it is asked again at every instant. `plan` tells what it would do if every obstacle kept
-its velocity.
+A controller evaluates a field at every instant. `plan` gives the motion if every obstacle keeps its velocity.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def plan(problem: MotionProblem, variant: Variant = "field", **options: Any) -> 
     """Plan a motion; options are those of :func:`plan_field` or :func:`plan_paper`.
 
     Raises:
-        Infeasible: if the field does not lead to the target, with the reason.
+        Infeasible: if the motion does not reach the target, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
     return plan_variant(_PLANNERS, variant, problem, options)

@@ -1,15 +1,11 @@
-"""The distance function of the paper (eq 20): a table that brings approaching discs nearer and sends others away.
+"""The distance function of the paper (eq 20): a table that makes approaching discs nearer and receding ones farther.
 
-"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong) measures the
-distance to a moving obstacle as ``rho = dist{rho_i, ..., delta rho_j, ...}`` (eq 20), values looked up by how
-the obstacle moves relative to the hand. It prints none of them; they were found by experience. Here they follow from
-one number with a meaning, the time ``T`` by which the hand wants to be early: a disc at relative speed v whose course
-makes the angle beta with the straight line to the hand will, after T, have changed its distance by
+T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot", takes the distance
+to a moving obstacle as ``rho = dist{rho_i, ..., delta rho_j, ...}`` (eq 20), with values looked up by the obstacle's
+motion relative to the hand; it prints none of them. Here they follow from a look-ahead time ``T``. A disc with relative
+speed v at the angle beta to the straight line to the hand changes its distance within T by
 
-    delta rho(v, beta) = -T v cos(beta)          to first order in v T / rho,
-
-so it counts as that much nearer now (farther when it goes away). Only the closing speed ``v cos(beta)`` enters, which a
-table filled with other numbers need not keep to.
+    delta rho(v, beta) = -T v cos(beta)          to first order in v T / rho.
 """
 
 from __future__ import annotations
@@ -25,13 +21,12 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """How much farther away a moving disc counts than it is.
+    """What is added to the distance of a moving disc.
 
     Attributes:
-        shifts: delta rho, m: rows for relative speeds from 0 to ``max_speed`` at even steps, columns for directions
-            from 0 (straight at the hand) to pi (straight away from it) at even steps; at least 2 by 2. The first row
-            is 0: a disc at rest has no direction.
-        max_speed: of the last row, m/s; faster discs count as this fast.
+        shifts: delta rho, m: rows for relative speeds from 0 to ``max_speed`` in even steps, columns for directions
+            from 0 (straight at the hand) to pi (straight away) in even steps; at least 2 by 2. The first row is 0.
+        max_speed: of the last row, which also holds for faster discs, m/s.
     """
 
     shifts: Array
@@ -52,20 +47,14 @@ class DistanceTable:
 
     @classmethod
     def static(cls) -> DistanceTable:
-        """The plain distance (eq 10), whatever moves."""
+        """The plain distance (eq 10)."""
         return cls(np.zeros((2, 2)), 1.0)
 
     @classmethod
     def looking_ahead(
         cls, time: float, max_speed: float = 3.0, speeds: int = 13, directions: int = 19
     ) -> DistanceTable:
-        """The table ``-time v cos(beta)``: see the head of this module.
-
-        Args:
-            time: T, s.
-            max_speed: m/s.
-            speeds: number of rows.
-            directions: number of columns; an odd number has one for a disc that passes by, which is at its distance.
+        """The table ``-T v cos(beta)`` for a look-ahead ``time`` T, s, of so many ``speeds`` by ``directions``.
 
         Raises:
             ValueError: if the time is negative or not finite, or the table has fewer than 2 rows or columns.
@@ -95,6 +84,6 @@ def look_up(shifts: Array, max_speed: float, speed: float, direction: float) -> 
 
 @njit(cache=True, nogil=True)
 def disc_shift(shifts: Array, max_speed: float, dx: float, dy: float, vx: float, vy: float) -> float:
-    """delta rho, m, of a disc that sees the hand at ``(dx, dy)`` m and moves at ``(vx, vy)`` m/s relative to it."""
+    """delta rho, m, of a disc that has the hand at ``(dx, dy)`` m and moves at ``(vx, vy)`` relative to it."""
     direction = np.arctan2(vx * dy - vy * dx, vx * dx + vy * dy)
     return look_up(shifts, max_speed, np.hypot(vx, vy), direction)

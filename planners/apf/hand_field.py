@@ -1,12 +1,12 @@
-"""From the potential on the hand to joint velocities (eq 16 to 18), compiled and batched.
+"""From the potential on the hand to joint velocities (eq 16 to 18).
 
-"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong): the hand moves
-down the gradient (eq 16), and the inverse of the Jacobian turns its velocity into the joints' (eq 17, 18). Only the
-hand is kept away from the discs: the links are not in the potential.
+T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot": the hand moves down
+the gradient (eq 16), and the inverse of the Jacobian turns its velocity into the joints' (eq 17, 18). The links are not
+in the potential.
 
-Eq 18 divides by ``sin(theta_2)``. Close to a stretched or folded arm the inverse is therefore damped, ``J^T (J J^T +
-lambda^2)^-1``, with a lambda that grows smoothly from 0 where ``abs(sin(theta_2))`` falls below 0.1 (Y. Nakamura,
-H. Hanafusa, "Inverse Kinematic Solutions with Singularity Robustness"); everywhere else it is eq 18.
+Eq 18 divides by ``sin(theta_2)``. Where its absolute value is below 0.1 the inverse is therefore damped,
+``J^T (J J^T + lambda^2)^-1``, with a lambda that grows smoothly from 0 (Y. Nakamura, H. Hanafusa, "Inverse Kinematic
+Solutions with Singularity Robustness").
 """
 
 from __future__ import annotations
@@ -29,12 +29,7 @@ _DAMPING = 0.1  # largest lambda, as a share of the geometric mean of the link l
 
 
 class HandField(NamedTuple):
-    """The potential and the distance it is fed with; made by :func:`make_field`.
-
-    Attributes:
-        gains: what shapes the potential.
-        shifts, max_speed: of the :class:`DistanceTable`.
-    """
+    """The potential's gains, and ``shifts`` and ``max_speed`` of the :class:`DistanceTable`; see :func:`make_field`."""
 
     gains: Gains
     shifts: Array
@@ -72,7 +67,7 @@ def make_field(
 
 @njit(cache=True, nogil=True)
 def joint_rates_single(lengths: Array, q: Array, velocity: Array, rates: Array) -> None:
-    """Joint velocities (rad/s) of a two-link arm, written to ``rates``, that move its hand at ``velocity`` (m/s).
+    """Joint velocities (rad/s), written to ``rates``, that move the hand of a two-link arm at ``velocity`` (m/s).
 
     Eq 18, damped near its singularity; all arguments ``(2,)``.
     """
@@ -105,15 +100,15 @@ def hand_velocity_single(
     radii: Array,
     velocity: Array,
 ) -> None:
-    """Velocity (m/s) the field asks of one hand (eq 16), written to ``velocity``.
+    """Velocity (m/s) of the field at one hand (eq 16), written to ``velocity``, ``(2,)``.
 
     Args:
         field: of :func:`make_field`.
-        hand, hand_velocity: where it is and how it moves now, ``(2,)``.
+        hand, hand_velocity: present position and velocity, ``(2,)``.
         goal: ``(2,)``, m.
         positions, velocities: of the discs, ``(k, 2)``.
-        radii: of the discs, grown by that of the hand, ``(k,)``.
-        velocity: the result, ``(2,)``.
+        radii: of the discs plus that of the hand, ``(k,)``.
+        velocity: the result.
     """
     shifts = np.empty(radii.shape[0])
     for k in range(radii.shape[0]):
@@ -130,7 +125,6 @@ def hand_rates(
     lengths: Array,
     base: Array,
     field: HandField,
-    rate_limits: Array,
     q: Array,
     qd: Array,
     goals: Array,
@@ -138,17 +132,13 @@ def hand_rates(
     velocities: Array,
     radii: Array,
 ) -> Array:
-    """Joint velocities the field asks for now, ``(batch, 2)``, rad/s: what a reactive expert tracks.
+    """Joint velocities of the field for a batch of arms, ``(batch, 2)``, rad/s.
 
     Args:
         lengths, base: of the two-link arm, each ``(2,)``, m.
         field: of :func:`make_field`.
-        rate_limits: largest joint velocities, ``(2,)``, rad/s; both joints slow down together, so that the hand keeps
-            its direction. inf: none.
         q, qd: joint angles and velocities, ``(batch, 2)``.
-        goals: of the hands, ``(batch, 2)``, m.
-        positions, velocities: of the discs, ``(batch, k, 2)``, m and m/s; k may be 0.
-        radii: of the discs, grown by that of the hand, ``(batch, k)``, m.
+        goals, positions, velocities, radii: as for :func:`hand_velocity_single`, with a batch axis first.
     """
     rates = np.empty_like(q)
     hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
@@ -158,7 +148,4 @@ def hand_rates(
             field, hand, hand_velocity, goals[row], positions[row], velocities[row], radii[row], velocity
         )
         joint_rates_single(lengths, q[row], velocity, rates[row])
-        excess = max(1.0, abs(rates[row, 0]) / rate_limits[0], abs(rates[row, 1]) / rate_limits[1])
-        rates[row, 0] /= excess
-        rates[row, 1] /= excess
     return rates

@@ -1,18 +1,15 @@
 """Khatib's potential on the hand: a bowl around the goal and a wall around every disc.
 
-"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong), after O. Khatib,
-"Real-Time Obstacle Avoidance for Manipulators and Mobile Robots". Equation numbers are those of the former:
+T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot", with its equation
+numbers, after O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots":
 
     (6)       U_att = 1/2 xi |p - p_goal|^2
     (8, 9)    U_rep = 1/2 eta (1 / rho - 1 / rho_0)  up to rho = rho_0, and 0 beyond          "printed"
     Khatib    U_rep = 1/2 eta (1 / rho - 1 / rho_0)^2  up to rho = rho_0, and 0 beyond        the square (8) lacks
     (10)      rho = least distance of the hand p from the obstacle
 
-The printed form is pushed from at full strength as soon as rho falls below rho_0: its slope jumps there from 0 to
-``eta / (2 rho_0^2)``. Khatib's has a continuous slope.
-
-The potential drives the hand's velocity (eq 16), so it is in m^2/s: xi in 1/s, eta in m^3/s for the printed form and in
-m^4/s for Khatib's.
+The slope of the printed form jumps at rho_0 from 0 to ``-eta / (2 rho_0^2)``; that of Khatib's is continuous. The
+potential drives the hand's velocity (eq 16), so it is in m^2/s.
 """
 
 from __future__ import annotations
@@ -26,18 +23,17 @@ from numba import njit
 from planners.typing import Array
 
 NEAREST_SHARE = 0.1
-"""Nearer than this share of the influence the wall goes on at the slope it has there: at contact it would be infinitely
-steep, which no sampled motion survives."""
+"""Share of the influence below which the wall has a constant slope, because at contact it would be infinitely steep."""
 
 
 class Gains(NamedTuple):
-    """What shapes the potential.
+    """Parameters of the potential.
 
     Attributes:
         attraction: xi, 1/s.
         repulsion: eta, m^4/s with the square and m^3/s without it.
         influence: rho_0, m.
-        square: Khatib's wall, with the square; else the printed one.
+        square: Khatib's wall rather than the printed one.
     """
 
     attraction: float
@@ -49,12 +45,8 @@ class Gains(NamedTuple):
 def make_gains(attraction: float, repulsion: float, influence: float, square: bool = True) -> Gains:
     """Gains for either form of the wall.
 
-    Args:
-        attraction: xi, 1/s.
-        repulsion: eta of Khatib's form, m^4/s. The printed form gets the eta that pushes as hard halfway into the
-            influence, ``2 eta / rho_0``, so that the two can be compared.
-        influence: rho_0, m.
-        square: whether the wall is Khatib's.
+    ``repulsion`` is the eta of Khatib's form, m^4/s; the printed form gets ``2 eta / rho_0``, which is as steep halfway
+    into the influence, so that the two can be compared.
 
     Raises:
         ValueError: if one of the numbers is not finite and positive.
@@ -91,11 +83,11 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
     """Attractive and repulsive potential (eq 6, 8 to 10), each ``(points,)``, m^2/s; eq 3 is their sum.
 
     Args:
-        gains: what shapes the potential.
+        gains: of the potential.
         hands: where to evaluate it, ``(points, 2)``, m.
         goal: ``(2,)``, m.
         positions: centres of the discs, ``(k, 2)``, m; their walls add up.
-        radii: of the discs, grown by that of the hand, ``(k,)``, m.
+        radii: of the discs plus that of the hand, ``(k,)``, m.
     """
     bowl, walls = np.empty(hands.shape[0]), np.zeros(hands.shape[0])
     for i in range(hands.shape[0]):
@@ -112,7 +104,7 @@ def gradient_single(
 ) -> None:
     """Gradient (eq 2) of the total potential at one hand, m/s, written to ``gradient``, ``(2,)``.
 
-    Arguments as for :func:`potential`; every disc counts as ``shifts``, ``(k,)``, m, farther than it is (0: eq 10).
+    Arguments as for :func:`potential`; ``shifts``, ``(k,)``, m, are added to the distances (0: eq 10).
     """
     for axis in range(2):
         gradient[axis] = gains.attraction * (hand[axis] - goal[axis])
@@ -120,6 +112,6 @@ def gradient_single(
         dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
         distance = np.hypot(dx, dy)
         slope = wall_slope(gains, distance - radii[k] + shifts[k])
-        if distance > 0.0:  # at the very centre there is no way out to prefer
+        if distance > 0.0:  # no direction at the centre
             gradient[0] += slope * dx / distance
             gradient[1] += slope * dy / distance

@@ -1,12 +1,12 @@
-"""The potential-field paper as published: the hand slides down the potential, the arm follows, nothing looks further.
+"""The potential-field paper as published: the hand moves down the gradient of the potential, and the arm follows.
 
-"Collision-Free Trajectory Planning for SCARA robot" (T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong): a bowl around the
-goal and a wall around the obstacle (:mod:`planners.apf.khatib`), fed with a distance that knows how the obstacle moves
-(:mod:`planners.apf.distance_table`), give the velocity of the hand and by the inverse Jacobian that of the joints
+T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot": a bowl around the
+goal and a wall around the obstacle (:mod:`planners.apf.khatib`) at a distance that depends on the obstacle's motion
+(:mod:`planners.apf.distance_table`) give the velocity of the hand and by the inverse Jacobian that of the joints
 (:mod:`planners.apf.hand_field`), every 0.1 ms. Equations 13 to 15 are the inverse kinematics: see :func:`posture`.
 
-No limit of the arm plays a part, the motion starts at the speed the potential asks for, and only the hand is kept
-clear. This module reproduces that: use it to study the paper, and :mod:`planners.apf` to plan.
+As in the paper, the limits of the arm are not kept, the motion starts at the velocity of the field, and only the hand
+is kept clear of the discs.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from planners.apf.hand_field import (
     joint_rates_single,
     make_field,
 )
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single
 from planners.typing import Array
@@ -47,15 +47,14 @@ _STALL_TIME, _STALL_SHARE = 0.5, 0.1  # s; of the way the bowl alone would have 
 
 @dataclass(frozen=True)
 class FieldMotion:
-    """Where the field takes the arm, to the goal or not.
+    """The motion of the arm under the field.
 
     Attributes:
         t: sample times, ``(samples,)``, s.
-        q, qd: joint angles and the velocities the field asks for there, ``(samples, 2)``.
-        clearance: of the whole arm from the discs, ``(samples,)``, m; inf without discs.
-        hand_clearance: the same of the hand alone, which is all the paper looks at.
-        outcome: ``reached`` the goal, a ``collision`` of the arm, stuck in a ``local_minimum`` at the horizon, or
-            still on its way then (``late``).
+        q, qd: joint angles and velocities of the field there, ``(samples, 2)``.
+        clearance, hand_clearance: of the whole arm and of the hand alone, ``(samples,)``, m; inf without discs.
+        outcome: ``reached`` the goal, ``collision`` of the arm, in a ``local_minimum`` at the horizon, or still moving
+            then (``late``).
     """
 
     t: Array
@@ -77,26 +76,21 @@ def plan_paper(
     period: float = PERIOD,
     tolerance: float = 1e-3,
 ) -> Trajectory:
-    """Plan as the paper does, the discs predicted at constant velocity.
+    """Plan as the paper does, with discs at constant velocity.
 
     Args:
-        problem: a two-link arm and a target that stands still. Limits play no part.
-        square: Khatib's wall; else eq 8 as printed, which lacks the square.
-        distance: ``"table"`` (eq 20), ``"static"`` (eq 10), or a table of one's own.
-        attraction: xi, 1/s.
-        repulsion: eta of Khatib's wall, m^4/s; the printed one gets ``2 eta / rho_0``, m^3/s.
-        influence: rho_0, m.
+        problem: a two-link arm and a target at rest. Its limits are not kept.
+        square, distance, attraction, repulsion, influence: as for :func:`planners.apf.hand_field.make_field`.
         period: of the sampling, s.
-        tolerance: how near the goal the hand has to come, m; there it still moves at xi times that.
+        tolerance: distance from the goal that counts as reached, m; the hand still moves at xi times that.
 
     Returns:
-        The motion until the goal is reached. Nothing is scaled to fit: ``limit_ratios`` may be above 1, also because
-        the hand starts at the speed the field asks for. ``cost`` is the time it takes, s.
+        The motion until the goal is reached. ``limit_ratios`` may be above 1. ``cost`` is the duration, s.
 
     Raises:
-        Infeasible: reason ``collision`` if the arm touches a disc (details: ``time``, s; ``clearance`` of arm and
-            ``hand_clearance``, m; ``distance`` to the goal, m), ``local_minimum`` if it is stuck at the horizon,
-            ``late`` if it is still on its way then (same details), ``unreachable`` if the goal is out of reach.
+        Infeasible: reason ``collision`` if the arm touches a disc, ``local_minimum`` if it is stuck at the horizon,
+            ``late`` if it is still moving then (details of each: ``time``, s; ``clearance`` of the arm and
+            ``hand_clearance``, m; ``distance`` to the goal, m), ``unreachable`` if the goal is out of reach.
         ValueError: if the problem or an option is not of this kind.
     """
     field = make_field(
@@ -105,19 +99,9 @@ def plan_paper(
     motion = follow_field(problem, field, period=period, tolerance=tolerance)
     if motion.outcome != "reached":
         raise _failure(problem, motion)
-    qdd = np.gradient(motion.qd, motion.t, axis=0)
-    tau = problem.loaded_arm.inverse_dynamics(motion.q, motion.qd, qdd)
-    return Trajectory(
-        t=motion.t,
-        q=motion.q,
-        qd=motion.qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios=limit_ratios(problem.joint_limits, motion.t, motion.q, motion.qd, qdd, tau),
-        cost=float(motion.t[-1]),
-        rendezvous_time=float(motion.t[-1]),
-        planner=f"APF paper, {'Khatib' if square else 'printed'}, {distance if isinstance(distance, str) else 'own'}",
-    )
+    name = f"APF paper, {'Khatib' if square else 'printed'}, {distance if isinstance(distance, str) else 'own'}"
+    qdd, end = np.gradient(motion.qd, motion.t, axis=0), float(motion.t[-1])
+    return sampled_trajectory(problem, motion.t, motion.q, motion.qd, qdd, planner=name, cost=end, rendezvous_time=end)
 
 
 def follow_field(
@@ -128,13 +112,13 @@ def follow_field(
     tolerance: float = 1e-3,
     measuring_time: float = _MEASURING_TIME,
 ) -> FieldMotion:
-    """Where the field takes the arm, until it is at the goal, touches a disc, or the horizon is over.
+    """Follow the field until the arm is at the goal, touches a disc, or the horizon is over.
 
     Args:
         problem, period, tolerance: as for :func:`plan_paper`.
         field: of :func:`planners.apf.hand_field.make_field`.
-        measuring_time: over which the hand's velocity is measured that the table needs, s; 0 takes the one of the
-            sample before, and where the wall is steep the two then chase each other from sample to sample.
+        measuring_time: time constant of the low-pass filter of the hand's velocity for the table, s; 0: unfiltered,
+            which oscillates from sample to sample where the wall is steep.
 
     Raises:
         Infeasible: reason ``unreachable`` if the goal is out of reach.
@@ -167,23 +151,17 @@ def follow_field(
         tolerance,
         1.0 - math.exp(-period / measuring_time) if measuring_time else 1.0,
     )
-    q, qd, clearance, hand_clearance = samples
-    return FieldMotion(
-        t=period * np.arange(len(q), dtype=np.float64),
-        q=q,
-        qd=qd,
-        clearance=clearance,
-        hand_clearance=hand_clearance,
-        outcome=_outcome(problem, field, goal, q, clearance, period, tolerance),
-    )
+    q, _, clearance, _ = samples
+    outcome = _outcome(problem, field, goal, q, clearance, period, tolerance)
+    return FieldMotion(period * np.arange(len(q), dtype=np.float64), *samples, outcome)
 
 
 def hand_goal(problem: MotionProblem) -> Array:
-    """Where the hand is to go, ``(2,)``, m.
+    """The goal of the hand, ``(2,)``, m.
 
     Raises:
         Infeasible: reason ``unreachable`` if the goal is out of reach.
-        ValueError: if the arm has not two links, or the target does not stand still.
+        ValueError: if the arm does not have two links, or the target moves.
     """
     arm, target = problem.arm, problem.target
     if arm.n_joints != 2:
@@ -216,7 +194,7 @@ def _follow(
     tolerance: float,
     blend: float,
 ) -> tuple[Array, Array, Array, Array]:
-    """Samples of q, qd, clearance of the arm and of the hand; the last one is at the goal, in contact or at the end."""
+    """Samples of q, qd and the clearances of arm and hand; the last is at the goal, in contact or at the horizon."""
     q, qd = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
     clearance, hand_clearance = np.full(steps + 1, np.inf), np.full(steps + 1, np.inf)
     hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
@@ -225,11 +203,13 @@ def _follow(
     measured = start_velocity.copy()
     last = steps
     for i in range(steps + 1):
+        # Velocity of the hand down the potential (eq 16), and of the joints (eq 18).
         positions = start_positions + i * period * velocities
         hand_state_single(lengths, base, q[i], measured, hand, hand_velocity)
         hand_velocity_single(field, hand, hand_velocity, goal, positions, velocities, grown, velocity)
         joint_rates_single(lengths, q[i], velocity, qd[i])
         measured += blend * (qd[i] - measured)
+        # Clearances, and whether the motion ends here.
         for k in range(radii.shape[0]):
             x, y = positions[k]
             clearance[i] = min(clearance[i], clearance_single(lengths, base, link_radius, q[i], x, y, radii[k]))
@@ -253,6 +233,7 @@ def _outcome(
     period: float,
     tolerance: float,
 ) -> Outcome:
+    """What became of the motion; it is stuck where the hand has hardly moved for `_STALL_TIME`."""
     if clearance[-1] < 0.0:
         return "collision"
     back = min(round(_STALL_TIME / period), len(q) - 1)
@@ -271,7 +252,7 @@ def _failure(problem: MotionProblem, motion: FieldMotion) -> Infeasible:
     message = {
         "collision": f"the arm touches a disc at {time:.3g} s, the hand {hand_clearance:.3g} m clear of it and {away}",
         "local_minimum": f"at the horizon of {time:.3g} s the arm is stuck {away}",
-        "late": f"at the horizon of {time:.3g} s the hand is still on its way, {away}; give it more time",
+        "late": f"at the horizon of {time:.3g} s the hand is still moving, {away}; give it more time",
     }[motion.outcome]
     return Infeasible(
         motion.outcome, message, time=time, clearance=clearance, hand_clearance=hand_clearance, distance=distance
@@ -281,15 +262,12 @@ def _failure(problem: MotionProblem, motion: FieldMotion) -> Infeasible:
 def posture(lengths: ArrayLike, hand: ArrayLike, elbow: int = 1, *, as_printed: bool = False) -> Array:
     """Joint angles of a two-link arm by eq 13 to 15, ``(2,)`` or ``(batch, 2)``, rad; NaN out of reach.
 
-    The arc tangents have to be of two arguments. Eq 14 as printed is half a turn off where the elbow is bent by more
-    than 90 degrees. Eq 15 as printed, its ``atan(x, y)`` the arc tangent of x / y as its second fraction suggests,
-    gives minus theta_1, up to half a turn.
-
     Args:
         lengths: of the links, ``(2,)``, m.
         hand: relative to the base, ``(2,)`` or ``(batch, 2)``, m.
         elbow: 1 or -1, the sign of eq 14.
-        as_printed: with the paper's slips.
+        as_printed: with arc tangents of one argument. Eq 14 is then half a turn off where the elbow is bent by more
+            than 90 degrees; eq 15, ``atan(x, y)`` being that of x / y, gives minus theta_1, up to half a turn.
     """
     a1, a2 = np.asarray(lengths, dtype=float)
     x, y = np.moveaxis(np.asarray(hand, dtype=float), -1, 0)

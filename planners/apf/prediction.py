@@ -1,8 +1,9 @@
-"""Where a field leads: followed into the future on an arm that does as it is told, past discs at constant velocity."""
+"""Simulates a field on an arm that follows it exactly, past discs at constant velocity."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +16,8 @@ from planners.problem import (
     Infeasible,
     MotionProblem,
     MovingHand,
-    Obstacle,
     Trajectory,
-    limit_ratios,
+    sampled_trajectory,
 )
 from planners.typing import Array
 
@@ -31,21 +31,21 @@ Field = Callable[[float, Array, Array, Array], Array]
 def plan_field(
     problem: MotionProblem, *, period: float = PERIOD, tolerance: float = 1e-3, hold_time: float = 0.1
 ) -> Trajectory:
-    """Follow the field that suits the target until it is there, accelerations held for a period each.
+    """Follow the field of the target's kind until the target is reached; accelerations are held for a period each.
 
     Args:
-        problem: with two links where the target is a place of the hand. Of its limits those of the arm are kept.
+        problem: with two links if the target is a place of the hand. The limits kept are those of the arm.
         period: control period, s.
-        tolerance: distance from the target that counts as there, m, or rad for a target in joint angles.
+        tolerance: distance from the target that counts as reached, m, or rad for a target in joint angles.
         hold_time: how long a fixed place of the hand must be held, s.
 
     Returns:
         The motion: to a place of the hand until it has been held, otherwise over the whole horizon. Its cost is the
-        time at which the tolerance is kept from then on, s.
+        time from which on the tolerance is kept, s.
 
     Raises:
         Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time.
-        ValueError: if the period is not positive, or the arm has not two links where it must.
+        ValueError: if the period is not positive, or the arm does not have two links where it must.
     """
     if not period > 0.0:
         raise ValueError(f"period {period} s must be positive")
@@ -74,7 +74,7 @@ def plan_field(
 
 
 def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: float) -> Field:
-    """The field that suits the target."""
+    """The field for the kind of the target."""
     arm, target = problem.loaded_arm, problem.target
     if isinstance(target, MovingHand):
         acceleration = target.acceleration[None]
@@ -91,11 +91,10 @@ def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: f
             return reach(arm, q, qd, goal, problem.horizon - t, period)
 
         return timed
-    hand, nowhere_near = target.position[None], Obstacle(np.full(2, 1e3), np.zeros(2), 0.0)
-    discs = problem.obstacles or (nowhere_near,)
-    memory, gains = new_memory(1, len(discs)), tuned_gains()
-    positions = np.array([disc.position for disc in discs])
-    velocities = np.array([disc.velocity for disc in discs])
+    hand, gains, discs = target.position[None], tuned_gains(), problem.obstacles
+    memory = new_memory(1, len(discs))
+    positions = np.array([disc.position for disc in discs]).reshape(-1, 2)
+    velocities = np.array([disc.velocity for disc in discs]).reshape(-1, 2)
     radii = np.array([[disc.radius for disc in discs]])
 
     def guarded(t: float, q: Array, qd: Array, qdd: Array) -> Array:
@@ -125,15 +124,13 @@ def _require_clear(problem: MotionProblem, t: float, q: Array) -> None:
 
 def _sampled(problem: MotionProblem, states: Array, asked: Array, period: float, since: float) -> Trajectory:
     """The motion as a trajectory: accelerations are constant within a period, and jump between two."""
-    t = period * np.arange(len(states))
-    # Each instant twice, but for the ends: with the acceleration before and the one after.
-    times = np.repeat(t, 2)[1:-1]
-    times[1::2] -= 1e-9 * period
+    # Each instant twice, except for the ends: with the acceleration before and the one after.
+    t = np.repeat(period * np.arange(len(states)), 2)[1:-1]
+    t[1::2] -= 1e-9 * period
     q, qd = (np.repeat(states[:, kind], 2, axis=0)[1:-1] for kind in (0, 1))
     qdd = np.repeat(asked, 2, axis=0)
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    # Jerk limits are kept by the change of the acceleration from one period to the next.
-    ratios = limit_ratios(problem.joint_limits, times, q, qd, qdd, tau)
-    change = np.abs(np.diff(asked, axis=0, prepend=problem.start[2][None])) / period
-    ratios["jerk"] = float((change / np.array(problem.joint_limits.jerk)).max())
-    return Trajectory(times, q, qd, qdd, tau, ratios, since, since, "APF (field)")
+    motion = sampled_trajectory(problem, t, q, qd, qdd, planner="APF (field)", cost=since, rendezvous_time=since)
+    # The fields limit jerk as the change of the acceleration from one period to the next.
+    jerk = np.diff(asked, axis=0, prepend=problem.start[2][None]) / period
+    ratio = float((np.abs(jerk) / np.array(problem.joint_limits.jerk)).max())
+    return replace(motion, limit_ratios={**motion.limit_ratios, "jerk": ratio})

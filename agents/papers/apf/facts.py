@@ -36,10 +36,10 @@ def step_time(problem: MotionProblem, arms: int = 256) -> Fact:
     samples = len(follow_field(problem, field).t)
     q, goals = np.tile(problem.q, (arms, 1)), np.tile(hand_goal(problem), (arms, 1))
     discs = np.tile(disc.position, (arms, 1, 1)), np.tile(disc.velocity, (arms, 1, 1))
-    radii, free = np.full((arms, 1), disc.radius + arm.link_radius), np.full(2, np.inf)
+    radii = np.full((arms, 1), disc.radius + arm.link_radius)
 
     def rates() -> Array:
-        return hand_rates(arm.length_array, arm.base_array, field, free, q, 0.0 * q, goals, *discs, radii)
+        return hand_rates(arm.length_array, arm.base_array, field, q, 0.0 * q, goals, *discs, radii)
 
     rates()  # compiled, or read from the cache, before the clock starts
     planner = min(timeit.repeat(lambda: follow_field(problem, field), number=1, repeat=20)) / samples
