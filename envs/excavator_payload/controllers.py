@@ -12,7 +12,7 @@ from envs.excavator_payload.env import ExcavatorPayload
 from envs.excavator_payload.kernels import RESIDUAL_SHARE
 from envs.experts.base import Expert
 from envs.observation import Observation
-from planners.excavator.controllers import ADAPTIVE, DEFAULT, make_planar_controller
+from planners.excavator.controllers import ADAPTIVE, DEFAULT, make_controller
 from planners.typing import Array
 
 Reference = tuple[Array, Array, Array]
@@ -105,8 +105,8 @@ class PayloadExpert(Expert):
     def _prepare(self, rows: int) -> None:
         """Make the controllers for another number of environments."""
         period = self.task.config.control_period
-        self._controller = make_planar_controller(self._name, moments=self._moments, rows=rows, period=period)
-        self._empty = make_planar_controller("slotine-li", rows=rows, period=period)
+        self._controller = make_controller(self._name, planar=True, moments=self._moments, rows=rows, period=period)
+        self._empty = make_controller("slotine-li", planar=True, rows=rows, period=period)
 
 
 def given_reference(seen: dict[str, Array]) -> Reference:

@@ -19,7 +19,7 @@ from envs.physics.actuation import ControlMode
 from envs.settings import Settings
 from envs.task import Task, TaskSettings
 from planners import FixedJoints, MotionProblem
-from planners.excavator.controllers import TYPICAL_PAYLOAD, make_planar_controller
+from planners.excavator.controllers import TYPICAL_PAYLOAD, make_controller
 from planners.excavator.plane import planar_arm
 from planners.typing import Array
 
@@ -145,7 +145,7 @@ class ExcavatorPayload(Task):
         )
         world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
         reference.fill_dynamics(self.model)
-        gains = make_planar_controller("slotine-li", period=config.control_period).settings
+        gains = make_controller("slotine-li", planar=True, period=config.control_period).settings
         self.model["residual"] = config.control_mode == "residual"
         self.model["bandwidth"], self.model["damping"] = gains.bandwidth, gains.bandwidth * gains.inertia
         self.model["judged_after"], self.model["settling_steps"] = steps // 3, steps // 6

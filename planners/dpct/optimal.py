@@ -15,14 +15,16 @@ from typing import Literal
 import numpy as np
 
 from planners.dpct.constraints import Course
-from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
+from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course, sample_manoeuvre
 from planners.motion.line import Branch, Line, reduce_to_line
-from planners.motion.rides import KINDS, Window, joint_motion, limit_table, ride_load, ride_windows
-from planners.motion.stages import sample_manoeuvre, sample_ride, to_trajectory
+from planners.motion.line_motion import KINDS, joint_motion, limit_table, sample_ride, to_trajectory
+from planners.motion.rides import Window, ride_load, ride_windows
 from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory
 from planners.typing import Array
 
 STAGES = 60
+
+_PLANNER = "dpct (optimal)"
 
 FIRST_TIGHTENING = 1.0 - 2e-4
 """Share of every limit that the first attempt uses: most plans need no second."""
@@ -117,7 +119,7 @@ def _plan_on(line: Line, aim: Aim, free_acceleration: bool, allow_reverse: bool,
     windows = _windows(line, aim.rendezvous_time)
     if windows[0].opens == 0.0 and (np.abs(line.start - line.target) < MET).all():
         ride = sample_ride(line, 0.0, min(line.problem.horizon, windows[0].closes))
-        return to_trajectory(line, [ride], windows[0], 0.0, 0.0)
+        return to_trajectory(line, [ride], windows[0].closes, 0.0, 0.0, _PLANNER)
     course = make_course(line, graded_stages(stages), free_acceleration, allow_reverse)
     plan = _within_limits(line, course, windows, aim, start_load, 0.0)
     if plan is None and start_load.max() > 1.0 - START_TOLERANCE:
@@ -156,7 +158,8 @@ def _within_limits(
         excess = (manoeuvre.peak_load(line) / allowed).max(axis=1, keepdims=True)
         if (excess <= 1.0).all():
             ride = sample_ride(line, solution.time, max(solution.time, min(line.problem.horizon, window.closes)))
-            return to_trajectory(line, [manoeuvre, ride], window, solution.time, solution.cost / line.unit**2)
+            cost = solution.cost / line.unit**2
+            return to_trajectory(line, [manoeuvre, ride], window.closes, solution.time, cost, _PLANNER)
         tightening = tightening * (1.0 - BACK_OFF) / np.maximum(excess, 1.0 - BACK_OFF)
         guess = solution.time
     return None

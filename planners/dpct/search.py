@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.dpct.constraints import Course
+from planners.dpct.constraints import Course, roll_out
 from planners.dpct.interior_point import Solution, guess_time, quintic_index, solve
 from planners.motion.line import Line
+from planners.motion.line_motion import Motion, joint_motion, limit_table
 from planners.motion.path import tabulate
-from planners.motion.rides import Window, limit_table
+from planners.motion.rides import Window
 from planners.typing import Array
 
 SHORT_ENDS = (0.1, 0.5)
@@ -24,6 +25,9 @@ told from rounding by whoever interpolates the samples."""
 
 SECOND = 1e-2
 """Weight of the tracking index against the rendezvous time where the time comes first."""
+
+DENSE_STEP = 0.002
+"""Largest sampling step before the rendezvous, s."""
 
 BOLD, CAREFUL = 0.3, 0.1
 """Largest change of T in one step of the first and of the second attempt, as a fraction of it."""
@@ -151,3 +155,21 @@ def _bisect(course: Course, low: float, high: float) -> Solution | None:
         earlier = meets_at(course, middle)
         low, best = (middle, best) if earlier is None else (low, earlier)
     return best
+
+
+def sample_manoeuvre(line: Line, course: Course, solution: Solution) -> Motion:
+    """Dense samples of a solution's stages of constant jerk: the motion up to the rendezvous."""
+    durations = course.durations * solution.time
+    parts = np.maximum(np.ceil(durations / DENSE_STEP).astype(int), 2)
+    stage = np.repeat(np.arange(len(durations)), parts + 1)
+    part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
+    s = durations[stage] * (part / parts[stage])
+    z = roll_out(course, solution.time, solution.acceleration, solution.jerk * solution.time**3)
+    e, ed, edd = (z[stage, i] / solution.time**i for i in range(3))
+    j = solution.jerk[stage]
+    t = (np.cumsum(durations) - durations)[stage] + s
+    r, v, a = line.target_at(t)
+    r += e + s * (ed + s * (edd / 2.0 + s * j / 6.0))
+    v += ed + s * (edd + s * j / 2.0)
+    a += edd + s * j
+    return Motion(t, *joint_motion(line, r, v, a, j))

@@ -26,14 +26,14 @@ FIXED: dict[str, type[Controller]] = {
     "computed-torque": ComputedTorque,
     "integral-computed-torque": IntegralComputedTorque,
 }
-"""Controllers that take the tool for empty."""
+"""Controllers that assume an empty tool."""
 
 ADAPTIVE: dict[str, tuple[type[AdaptiveController], float]] = {
     "adaptive-computed-torque": (AdaptiveComputedTorque, 1e5),
     "slotine-li": (SlotineLi, 100.0),
     "integral-slotine-li": (IntegralSlotineLi, 100.0),
 }
-"""Controllers that learn the payload, and the gain of its mass."""
+"""Controllers that estimate the payload, and the gain of its mass."""
 
 DEFAULT = "integral-slotine-li"
 
@@ -45,75 +45,56 @@ MOMENT_GAIN = 0.1
 """Gain of the first moments, as a share of that of the mass, 1/m^2."""
 
 PLANAR_GAIN_SHARE = {"adaptive-computed-torque": 0.1}
-"""Factor on the gain of a law, where it is not 1: with no inertia of drives the loop through ``M^-1`` is faster."""
+"""Factors on the gains of laws in the plane: without the inertia of drives the loop through ``M^-1`` is faster."""
 
 TYPICAL_PAYLOAD = 175.0
-"""For which motions are planned, and the gains of boom, arm and bucket scaled, kg: it makes the bucket four times as
-hard to turn."""
+"""Payload for which motions are planned and the planar gains are scaled, kg; it quadruples the bucket's inertia."""
 TYPICAL_POSTURE = (20.0, -75.0, 25.0)
-"""Of boom, arm and bucket, for the same purpose, deg."""
+"""Posture of boom, arm and bucket for which the planar gains are scaled, deg."""
 
 
 def make_controller(
     name: str = DEFAULT,
     *,
+    planar: bool = False,
     moments: bool = True,
     rows: int = 1,
-    period: float = 0.005,
+    period: float | None = None,
     machine: Excavator = EXCAVATOR,
 ) -> Controller:
-    """A controller of the attachment that begins with an empty tool.
+    """A controller of the attachment that starts with an empty tool.
 
     Args:
         name: of `FIXED` or `ADAPTIVE`.
-        moments: learn how far the payload's centre is off, too, not the mass alone; nothing to a fixed controller.
-        rows: how many arms.
-        period: between two samples, s.
+        planar: control boom, arm and bucket alone, see :mod:`planners.excavator.plane`.
+        moments: also estimate the shift of the payload's centre; ignored by a fixed controller.
+        rows: size of the batch.
+        period: between two samples, s; 5 ms when left out, in the plane 20 ms.
         machine: the attachment as the controller knows it.
 
     Raises:
         ValueError: if the name is unknown.
     """
-    dynamics = ChainDynamics.of_excavator(machine)
-    model = PayloadModel(dynamics, payload_basis(machine, moments=moments and name in ADAPTIVE))
-    posture = WORK_CYCLE.postures.mean(axis=0, keepdims=True)
+    if name not in FIXED and name not in ADAPTIVE:
+        raise ValueError(f"controller {name!r} must be one of {', '.join(map(repr, [*FIXED, *ADAPTIVE]))}")
+    moments = moments and name in ADAPTIVE
+    if planar:
+        joints, posture, typical = JOINTS, np.radians([TYPICAL_POSTURE]), TYPICAL_PAYLOAD
+        model = planar_model(machine, moments=moments)
+    else:
+        joints, posture, typical = slice(None), WORK_CYCLE.postures.mean(axis=0, keepdims=True), 0.0
+        model = PayloadModel(ChainDynamics.of_excavator(machine), payload_basis(machine, moments=moments))
+    n_moments = model.n_parameters - 1
     settings = ControlSettings(
-        period=period,
-        bandwidth=np.array(BANDWIDTH),
-        inertia=np.diag(dynamics.mass_matrix(posture)[0]).copy(),
-        torque_limit=machine.torque_limit_array,
+        period=(0.02 if planar else 0.005) if period is None else period,
+        bandwidth=np.array(BANDWIDTH[joints]),
+        inertia=np.diag(model.mass_matrix(posture, np.array([[typical, *n_moments * [0.0]]]))[0]).copy(),
+        torque_limit=machine.torque_limit_array[joints],
     )
-    return _make(name, model, settings, rows)
-
-
-def make_planar_controller(
-    name: str = DEFAULT,
-    *,
-    moments: bool = True,
-    rows: int = 1,
-    period: float = 0.02,
-    machine: Excavator = EXCAVATOR,
-) -> Controller:
-    """A controller of boom, arm and bucket alone; arguments and errors are those of `make_controller`."""
-    model = planar_model(machine, moments=moments and name in ADAPTIVE)
-    load = np.zeros((1, model.n_parameters))
-    load[:, 0] = TYPICAL_PAYLOAD
-    settings = ControlSettings(
-        period=period,
-        bandwidth=np.array(BANDWIDTH[JOINTS]),
-        inertia=np.diag(model.mass_matrix(np.radians([TYPICAL_POSTURE]), load)[0]).copy(),
-        torque_limit=machine.torque_limit_array[JOINTS],
-    )
-    return _make(name, model, settings, rows, PLANAR_GAIN_SHARE.get(name, 1.0))
-
-
-def _make(name: str, model: PayloadModel, settings: ControlSettings, rows: int, gain_share: float = 1.0) -> Controller:
-    upper = np.array([HEAVIEST, *(model.n_parameters - 1) * [HEAVIEST * FARTHEST]])
+    upper = np.array([HEAVIEST, *n_moments * [HEAVIEST * FARTHEST]])
     prior = PayloadPrior(initial=np.zeros_like(upper), lower=np.array([0.0, *-upper[1:]]), upper=upper)
     if name in FIXED:
         return FIXED[name](model, settings, prior, rows)
-    if name not in ADAPTIVE:
-        raise ValueError(f"controller {name!r} must be one of {', '.join(map(repr, [*FIXED, *ADAPTIVE]))}")
     kind, gain = ADAPTIVE[name]
-    gains = gain_share * gain * np.array([1.0, *(model.n_parameters - 1) * [MOMENT_GAIN]])
-    return kind(model, settings, prior, gains, rows)
+    share = PLANAR_GAIN_SHARE.get(name, 1.0) if planar else 1.0
+    return kind(model, settings, prior, share * gain * np.array([1.0, *n_moments * [MOMENT_GAIN]]), rows)

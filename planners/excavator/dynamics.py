@@ -1,7 +1,7 @@
 """Dynamics of the excavator attachment, and of any chain of revolute joints, batched.
 
-`ChainDynamics` is the arm as it is. `PayloadModel` is what a controller knows of it: the same equations, with a payload
-told by a few parameters in which they are linear.
+`ChainDynamics` is the arm itself. `PayloadModel` is a controller's model of it: the same equations, linear in a few
+parameters of the payload.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ from planners.excavator.newton_euler import (
     Chain,
     acceleration_single,
     mass_matrix_single,
-    potential_energy_single,
     regressor_single,
     torque_single,
 )
-from planners.robot.arm import Arm
 from planners.typing import Array
 
 INERTIAL_PARAMETERS = 10
@@ -46,29 +44,12 @@ class ChainDynamics:
         """The five joints of an attachment; the tool is part of link 5."""
         n, geometry = machine.n_joints, machine.geometry
         alpha = geometry.alpha_array[:n]
-        bodies = zip(machine.mass_array, machine.com_array, machine.inertia_array, strict=True)
+        bodies = [inertial_parameters(link.mass, np.array(link.com), np.diag(link.inertia)) for link in machine.links]
         return cls(
             frames=np.stack([geometry.a_array[:n], geometry.d_array[:n], np.sin(alpha), np.cos(alpha)], axis=1),
             gravity=np.array([0.0, 0.0, -machine.gravity]),
-            inertia=np.array([inertial_parameters(mass, com, np.diag(moments)) for mass, com, moments in bodies]),
-            drives=np.stack([machine.actuator_inertia_array, machine.friction_array], axis=1),
-        )
-
-    @classmethod
-    def of_planar_arm(cls, arm: Arm) -> ChainDynamics:
-        """A planar arm: every joint axis parallel, gravity along -y, no friction."""
-        n = arm.n_joints
-        bodies = zip(arm.masses, arm.coms, arm.lengths, arm.inertias, strict=True)
-        return cls(
-            frames=np.stack([arm.length_array, np.zeros(n), np.zeros(n), np.ones(n)], axis=1),
-            gravity=np.array([0.0, -arm.gravity, 0.0]),
-            inertia=np.array(
-                [
-                    inertial_parameters(mass, np.array([com - length, 0.0, 0.0]), np.diag([0.0, inertia, inertia]))
-                    for mass, com, length, inertia in bodies
-                ]
-            ),
-            drives=np.zeros((n, 2)),
+            inertia=np.array(bodies),
+            drives=np.array([(link.actuator_inertia, link.friction) for link in machine.links]),
         )
 
     @property
@@ -92,7 +73,7 @@ class ChainDynamics:
         return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
 
     def regressor(self, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """What each load of ``basis`` ``(p, 10)`` adds to `torque`, ``(batch, n, p)``."""
+        """Torque that each load of ``basis`` ``(p, 10)`` adds, ``(batch, n, p)``."""
         return _regressor(self.chain, basis, q, qd, qd_r, qdd_r)
 
     def mass_matrix(self, q: Array, load: Array | None = None) -> Array:
@@ -102,13 +83,6 @@ class ChainDynamics:
     def forward_dynamics(self, q: Array, qd: Array, tau: Array, load: Array | None = None) -> Array:
         """Joint accelerations ``(batch, n)``, rad/s^2, under torques ``tau``."""
         return _acceleration(self.chain, self._load(load, len(q)), q, qd, tau)
-
-    def energy(self, q: Array, qd: Array, load: Array | None = None) -> Array:
-        """Kinetic plus potential energy ``(batch,)``, J; potential zero at the height of the base."""
-        loads = self._load(load, len(q))
-        kinetic = 0.5 * np.einsum("li,lij,lj->l", qd, _mass_matrix(self.chain, loads, q), qd)
-        total: Array = kinetic + _potential_energy(self.chain, loads, q)
-        return total
 
     @staticmethod
     def _load(load: Array | None, rows: int) -> Array:
@@ -125,7 +99,7 @@ class PayloadModel:
 
     Attributes:
         dynamics: the arm without payload.
-        basis: what one unit of each parameter is, as a load of the last link, ``(p, 10)``.
+        basis: one unit of each parameter as a load of the last link, ``(p, 10)``.
     """
 
     dynamics: ChainDynamics
@@ -174,23 +148,23 @@ def payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, fl
 
     Args:
         mass: kg.
-        machine: whose.
-        offset: of its centre from where it should be, in the frame of link 5, m.
+        machine: the attachment.
+        offset: of its centre from `PayloadShape.com`, in the frame of link 5, m.
 
     Raises:
         ValueError: if the mass is negative or not finite.
     """
     shape = machine.payload
-    return inertial_parameters(mass, shape.com_array + offset, shape.gyration_square(mass) * mass * np.eye(3))
+    return inertial_parameters(mass, np.add(shape.com, offset), shape.gyration_square(mass) * mass * np.eye(3))
 
 
 def payload_basis(machine: Excavator = EXCAVATOR, moments: bool = False, typical_mass: float = 175.0) -> Array:
-    """Parameters of a payload that is not known: its mass and, when asked for, the shift of its centre.
+    """Basis of an unknown payload's parameters: its mass and, when asked for, the shift of its centre.
 
     Args:
-        machine: whose.
-        moments: adapt the three first moments (mass times shift of the centre, kg m), too.
-        typical_mass: kg; the ball of this mass lends the unit mass its radius of gyration.
+        machine: the attachment.
+        moments: include the three first moments (mass times shift of the centre, kg m).
+        typical_mass: kg; the unit mass has the radius of gyration of a ball of this mass.
 
     Returns:
         ``(1, 10)`` or ``(4, 10)``.
@@ -230,11 +204,3 @@ def _acceleration(chain: Chain, load: Array, q: Array, qd: Array, tau: Array) ->
     for row in range(q.shape[0]):
         acceleration_single(chain, load[row], q[row], qd[row], tau[row], qdd[row])
     return qdd
-
-
-@njit(cache=True, nogil=True)
-def _potential_energy(chain: Chain, load: Array, q: Array) -> Array:
-    total = np.empty(q.shape[0])
-    for row in range(q.shape[0]):
-        total[row] = potential_energy_single(chain, load[row], q[row])
-    return total

@@ -149,11 +149,6 @@ class PayloadShape:
         radius = math.cbrt(3.0 * mass / (4.0 * math.pi * self.density))
         return 0.4 * radius**2
 
-    @cached_property
-    def com_array(self) -> Array:
-        """`com` as an array, ``(3,)``, m."""
-        return np.array(self.com)
-
 
 @dataclass(frozen=True)
 class Excavator:
@@ -191,26 +186,6 @@ class Excavator:
         return N_JOINTS
 
     @cached_property
-    def mass_array(self) -> Array:
-        """Link masses, ``(5,)``, kg."""
-        return np.array([link.mass for link in self.links])
-
-    @cached_property
-    def com_array(self) -> Array:
-        """Centres of mass in the links' own frames, ``(5, 3)``, m."""
-        return np.array([link.com for link in self.links])
-
-    @cached_property
-    def inertia_array(self) -> Array:
-        """Moments xx, yy, zz about the centres of mass, ``(5, 3)``, kg m^2."""
-        return np.array([link.inertia for link in self.links])
-
-    @cached_property
-    def actuator_inertia_array(self) -> Array:
-        """Inertias of the drives at the joints, ``(5,)``, kg m^2."""
-        return np.array([link.actuator_inertia for link in self.links])
-
-    @cached_property
     def friction_array(self) -> Array:
         """Viscous friction of the joints, ``(5,)``, N m s/rad."""
         return np.array([link.friction for link in self.links])
@@ -219,11 +194,6 @@ class Excavator:
     def torque_limit_array(self) -> Array:
         """Largest absolute joint torques, ``(5,)``, N m."""
         return np.array(self.limits.torque)
-
-    @cached_property
-    def velocity_limit_array(self) -> Array:
-        """Largest absolute joint speeds, ``(5,)``, rad/s."""
-        return np.array(self.limits.velocity)
 
     @cached_property
     def angle_limit_array(self) -> Array:

@@ -73,7 +73,7 @@ def regressor_single(
 def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
     """Mass matrix of one row, drives included, kg m^2, written to ``m`` ``(n, n)``.
 
-    Column j is what it takes to start joint j, and with it the links behind, at 1 rad/s^2.
+    Column j holds the torques that accelerate joint j, and with it the links behind, by 1 rad/s^2.
     """
     n = q.shape[0]
     frames, _, inertia, drives = chain
@@ -106,25 +106,6 @@ def acceleration_single(chain: Chain, load: Array, q: Array, qd: Array, tau: Arr
 
 
 @njit(cache=True, nogil=True)
-def potential_energy_single(chain: Chain, load: Array, q: Array) -> float:
-    """Potential energy of one row, J; zero with every centre of mass at the height of the base."""
-    n = q.shape[0]
-    frames, gravity, inertia, _ = chain
-    turns = np.empty((n, 2))
-    _turn(q, turns)
-    total = 0.0
-    mass, moment = load[0], _vector(load[1:4])
-    # from the tip inwards: what hangs on a link moves with it
-    for i in range(n - 1, -1, -1):
-        mass += inertia[i, 0]
-        moment = _sum(moment, _vector(inertia[i, 1:4]))
-        moment = _outwards(frames[i], turns[i], _sum(moment, _scale(mass, _arm(frames[i]))))
-    for axis in range(3):
-        total -= gravity[axis] * moment[axis]
-    return total
-
-
-@njit(cache=True, nogil=True)
 def _turn(q: Array, turns: Array) -> None:
     for i in range(q.shape[0]):
         turns[i, 0], turns[i, 1] = math.sin(q[i]), math.cos(q[i])
@@ -135,7 +116,7 @@ def _move(frames: Array, gravity: Array, turns: Array, qd: Array, qd_r: Array, q
     """Velocities and reference accelerations of every link, from the base outwards."""
     rest = (0.0, 0.0, 0.0)
     w, v, w_r, v_r, alpha = rest, rest, rest, rest, rest
-    a = (-gravity[0], -gravity[1], -gravity[2])  # a base that falls upwards is one that stands in gravity
+    a = (-gravity[0], -gravity[1], -gravity[2])  # gravity as an upward acceleration of the base
     for i in range(qd.shape[0]):
         axis, arm = _axis(frames[i]), _arm(frames[i])
         lever = _cross(axis, arm)

@@ -106,7 +106,11 @@ def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance
             shift = max(1e-3, 4.0 * shift)
         elif length > 0.9 * reach:
             shift = 0.25 * shift if shift > 1e-4 else 0.0
-        if length > 0.4 * reach and decrement < max(10.0 * barrier, tolerance) and np.all(np.abs(slacks - rooms) < 1e-6):
+        if (
+            length > 0.4 * reach
+            and decrement < max(10.0 * barrier, tolerance)
+            and np.all(np.abs(slacks - rooms) < 1e-6)
+        ):
             converged = barrier <= LAST_BARRIER and decrement < tolerance
             barrier = max(LAST_BARRIER, 0.15 * barrier)
             eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)

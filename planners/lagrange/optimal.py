@@ -22,7 +22,7 @@ from planners.lagrange.polish import polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to
 from planners.lagrange.search import Fit, least_torque
 from planners.lagrange.transcription import Ends
-from planners.motion.stages import Motion, sample_ride, to_trajectory
+from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory
 from planners.typing import Array
 
@@ -165,7 +165,7 @@ def _plan_rendezvous(
         window = ride.window_at(0.0)
         if rendezvous_time is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
             riding = sample_ride(ride.line, 0.0, min(problem.horizon, window.closes))
-            return _with_cost(to_trajectory(ride.line, [riding], window, 0.0, 0.0), settings)
+            return _with_cost(to_trajectory(ride.line, [riding], window.closes, 0.0, 0.0, _PLANNER), settings)
     time = rendezvous_time or _choose_time(rides, move, problem.horizon)
     candidates = moves_to(rides, move, time)
     if not candidates:
@@ -178,8 +178,8 @@ def _plan_rendezvous(
     window = ride.window_at(time)
     assert window is not None  # or it were no candidate
     riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
-    trajectory = to_trajectory(ride.line, [_sample(fit), riding], window, time, 0.0)
-    ridden = to_trajectory(ride.line, [riding], window, time, 0.0).limit_ratios
+    trajectory = to_trajectory(ride.line, [_sample(fit), riding], window.closes, time, 0.0, _PLANNER)
+    ridden = to_trajectory(ride.line, [riding], window.closes, time, 0.0, _PLANNER).limit_ratios
     ratios = {kind: max(ratio, fit.limit_ratios[kind]) for kind, ratio in ridden.items()}
     return _with_cost(replace(trajectory, limit_ratios=ratios), settings)
 

@@ -17,7 +17,8 @@ from planners.lagrange.joint_move import JointMove
 from planners.lagrange.search import reaches
 from planners.lagrange.transcription import Ends
 from planners.motion.line import Line, reduce_to_line
-from planners.motion.rides import Window, joint_motion, ride_windows
+from planners.motion.line_motion import joint_motion
+from planners.motion.rides import Window, ride_windows
 from planners.problem import Infeasible, MotionProblem, MovingHand
 from planners.robot.kinematics import UnreachableTarget, wrap
 from planners.typing import Array

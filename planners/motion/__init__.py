@@ -1,1 +1,1 @@
-"""What the planning methods share: time laws, paths, stages, rides with a moving target, space-time search."""
+"""Shared by the planning methods: time laws, paths, motion along a line, rides with a target, space-time search."""

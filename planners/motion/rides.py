@@ -1,4 +1,4 @@
-"""Where and when the hand can ride with the target, and why a rendezvous is impossible when it is."""
+"""Time intervals in which the hand can ride with a moving target within every limit."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.motion.line import Line
+from planners.motion.line_motion import joint_motion, limit_table
 from planners.typing import Array
 
-KINDS = ("torque", "velocity", "acceleration", "jerk")
-
-
 RIDE_LOAD = 1.0 - 2e-5
-"""Largest load at which the target counts as rideable: a little less than 1, for what lies between two samples."""
-
+"""Largest |value| / limit at which the target counts as rideable: below 1, for the peaks between two samples."""
 
 STILL = 1e-9
-"""Motion within the horizon, as a fraction of the reach, below which a target stands still."""
+"""Motion within the horizon, as a fraction of the reach, below which a target counts as standing still."""
 
 
 class Window(NamedTuple):
@@ -27,12 +24,6 @@ class Window(NamedTuple):
 
     opens: float
     closes: float
-
-
-def limit_table(line: Line) -> Array:
-    """Limits of torque, velocity, acceleration and jerk, ``(4, n)``."""
-    limits = line.problem.joint_limits
-    return np.array([getattr(limits, kind) for kind in KINDS])
 
 
 def ride_load(line: Line, t: Array) -> Array:
@@ -48,17 +39,6 @@ def ride_load(line: Line, t: Array) -> Array:
         _, *values = joint_motion(line, r[on_line], v[on_line], a[on_line], np.zeros(int(on_line.sum())))
         load[on_line] = np.abs(np.stack(values, axis=1)) / limits
     return load
-
-
-def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """``q``, torque (eq 8), ``qd``, ``qdd`` and joint jerk (eq 9-11), exactly, each ``(samples, n)``."""
-    f = line.path.derivatives(r)
-    v, a, j = v[:, None], a[:, None], j[:, None]
-    qd = f[:, 1] * v
-    qdd = f[:, 2] * v**2 + f[:, 1] * a
-    jerk = f[:, 3] * v**3 + 3.0 * f[:, 2] * v * a + f[:, 1] * j
-    q = np.ascontiguousarray(f[:, 0])
-    return q, line.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk
 
 
 def ride_windows(line: Line) -> list[Window]:

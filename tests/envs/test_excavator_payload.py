@@ -13,7 +13,7 @@ import envs  # noqa: F401  (registers the ids)
 from envs.excavator_payload.kernels import RESIDUAL_SHARE
 from planners import quintic
 from planners.control import SlotineLi
-from planners.excavator.controllers import make_planar_controller
+from planners.excavator.controllers import make_controller
 from planners.excavator.plane import planar_arm, planar_dynamics, planar_payload
 from planners.typing import Array
 
@@ -28,7 +28,7 @@ def make(**config: Any) -> Any:
 
 def follow(env: Any, law: str = "integral-slotine-li") -> tuple[list[Any], dict[str, Any]]:
     """Play the episode that has begun with a controller that sees the observation only: its steps and last info."""
-    controller, steps = make_planar_controller(law), []
+    controller, steps = make_controller(law, planar=True), []
     observation = env.task.batch["observation"][0].copy()
     while True:
         seen = {name: value[None] for name, value in env.task.layout.parse(observation).items()}
@@ -208,7 +208,7 @@ def test_the_integral_is_that_of_the_errors_seen_before() -> None:
 def test_a_residual_of_zero_is_the_frozen_controller() -> None:
     env = make(control_mode="residual")
     observation, _ = env.reset(seed=6)
-    known = make_planar_controller("slotine-li", moments=False)
+    known = make_controller("slotine-li", planar=True, moments=False)
     frozen = SlotineLi(known.model, known.settings, known.prior, gain=np.zeros(1))
     for _ in range(200):
         seen = {name: value[None] for name, value in env.task.layout.parse(observation).items()}

@@ -50,7 +50,7 @@ def test_what_is_drawn_can_be_done(seed: int) -> None:
     torque = planar_dynamics().torque(q, qd, qd, qdd, load)
     # 17 samples of a way are looked at, between two of which the torque may be a little higher
     assert (np.abs(torque) / EXCAVATOR.torque_limit_array[JOINTS]).max() < 0.86
-    assert (np.abs(qd) / EXCAVATOR.velocity_limit_array[JOINTS]).max() <= 0.85 + 1e-9
+    assert (np.abs(qd) / np.array(EXCAVATOR.limits.velocity[JOINTS])).max() <= 0.85 + 1e-9
 
 
 def test_ways_are_as_slow_as_documented() -> None:
@@ -58,7 +58,7 @@ def test_ways_are_as_slow_as_documented() -> None:
     for seed in range(40):
         ENV.reset(seed=seed)
         angles, times = waypoints(ENV)
-        change = np.abs(np.diff(angles, axis=0)) / (0.85 * EXCAVATOR.velocity_limit_array[JOINTS])
+        change = np.abs(np.diff(angles, axis=0)) / (0.85 * np.array(EXCAVATOR.limits.velocity[JOINTS]))
         stretches += (np.diff(times) / np.maximum(1.2, 1.875 * change.max(axis=1))).tolist()
     assert min(stretches) >= 1.0 - 1e-9
     assert max(stretches) <= 1.5 + 0.02 / 1.2

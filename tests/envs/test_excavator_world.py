@@ -10,7 +10,7 @@ import pytest
 
 import envs  # noqa: F401  (registers the ids)
 from planners.excavator import forward_kinematics
-from planners.excavator.controllers import make_planar_controller
+from planners.excavator.controllers import make_controller
 from planners.excavator.plane import planar_bodies, planar_dynamics, planar_payload
 from planners.excavator.simulation import Plant
 from planners.typing import Array
@@ -35,7 +35,7 @@ def reference(env: Any) -> tuple[Array, Array, Array]:
 
 def simulated(env: Any, law: str) -> tuple[Array, list[tuple[Array, Array, Array]]]:
     """Joint angles of an episode under a controller, ``(steps + 1, 3)``, and its reference at every step."""
-    controller = make_planar_controller(law)
+    controller = make_controller(law, planar=True)
     angles, wanted = [env.joint_state()[0]], []
     for _ in range(env.task.horizon_steps):
         wanted.append(reference(env))
@@ -49,7 +49,7 @@ def integrated(
     wanted: list[tuple[Array, Array, Array]], law: str, loads: dict[int, float], lag: float, held: Array
 ) -> Array:
     """The same by Runge-Kutta 4, with loads from given steps on and what the drives hold at first."""
-    controller = make_planar_controller(law)
+    controller = make_controller(law, planar=True)
     q, qd, applied = wanted[0][0].copy(), np.zeros((1, 3)), held[None].copy()
     angles, plant = [q[0].copy()], None
     for step, now in enumerate(wanted):
@@ -106,7 +106,7 @@ def test_joints_do_not_come_apart(level: int) -> None:
     env = make(350.0, level=level)
     joints = env.task._world._spaces[0].constraints
     worst = 0.0
-    controller = make_planar_controller()
+    controller = make_controller(planar=True)
     for _ in range(env.task.horizon_steps):
         q, qd = (state[None] for state in env.joint_state())
         env.step((controller.torque(q, qd, *reference(env))[0] / TORQUE_LIMITS).astype(np.float32))

@@ -14,6 +14,8 @@ from planners.excavator import (
     Excavator,
     forward_kinematics,
 )
+from planners.excavator.dynamics import ChainDynamics, inertial_parameters
+from planners.robot.arm import Arm
 from planners.typing import Array
 
 LIMIT = math.radians(150.0)
@@ -23,6 +25,23 @@ ODD_GEOMETRIES = [
     ChainGeometry(d1=-0.5, a2=2.0, a3=2.0, d4=0.0, d5=0.0, d6=0.1, theta6=-2.9),
     ChainGeometry(d1=0.0, a2=0.9, a3=0.4, d4=0.05, d5=-0.6, d6=0.3),
 ]
+
+
+def planar_chain(arm: Arm) -> ChainDynamics:
+    """A planar arm as a spatial chain: every joint axis parallel, gravity along -y, no friction."""
+    n = arm.n_joints
+    bodies = zip(arm.masses, arm.coms, arm.lengths, arm.inertias, strict=True)
+    return ChainDynamics(
+        frames=np.stack([arm.length_array, np.zeros(n), np.zeros(n), np.ones(n)], axis=1),
+        gravity=np.array([0.0, -arm.gravity, 0.0]),
+        inertia=np.array(
+            [
+                inertial_parameters(mass, np.array([com - length, 0.0, 0.0]), np.diag([0.0, inertia, inertia]))
+                for mass, com, length, inertia in bodies
+            ]
+        ),
+        drives=np.zeros((n, 2)),
+    )
 
 
 def with_geometry(geometry: ChainGeometry) -> Excavator:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from excavator_cases import planar_chain
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -23,7 +24,7 @@ from planners.control import (
     SlotineLi,
 )
 from planners.excavator import EXCAVATOR
-from planners.excavator.controllers import ADAPTIVE, BANDWIDTH, FIXED, make_controller, make_planar_controller
+from planners.excavator.controllers import ADAPTIVE, BANDWIDTH, FIXED, make_controller
 from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload, payload_basis
 from planners.excavator.motion import WORK_CYCLE, Cycle
 from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
@@ -289,7 +290,7 @@ def test_pd_with_gravity_rests_without_error_where_nothing_hangs() -> None:
 
 def test_a_planar_arm_learns_what_its_hand_holds() -> None:
     arm = replace(PLANAR_3R, gravity=9.81)
-    dynamics = ChainDynamics.of_planar_arm(arm)
+    dynamics = planar_chain(arm)
     point = np.eye(10)[:1]
     cycle = Cycle(np.array([[0.2, 0.4, -0.3], [1.0, -0.5, 0.6]]), np.array([1.0, 1.0]))
     settings = ControlSettings(0.005, np.full(3, 8.0), np.array([0.8, 0.3, 0.05]), np.full(3, np.inf))
@@ -306,7 +307,7 @@ def test_boom_arm_and_bucket_alone_weigh_their_load() -> None:
     plant = Plant.loaded(planar_dynamics(), np.array([planar_payload(mass) for mass in masses]))
     cycle = replace(WORK_CYCLE, postures=WORK_CYCLE.postures[:, JOINTS])
     runs = {
-        name: simulate(make_planar_controller(name, rows=3), plant, cycle, 2)
+        name: simulate(make_controller(name, planar=True, rows=3), plant, cycle, 2)
         for name in ("computed-torque", "integral-computed-torque", "integral-slotine-li")
     }
     np.testing.assert_allclose(runs["integral-slotine-li"].mass[-1], masses, rtol=0.01, atol=1.0)
@@ -331,7 +332,7 @@ def test_a_loaded_work_cycle_is_within_the_machines_limits() -> None:
     q, qd, qdd = WORK_CYCLE.sample(np.linspace(0.0, 8.0, 801))
     tau = DYNAMICS.torque(q, qd, qd, qdd, np.tile(payload(350.0), (len(q), 1)))
     assert (np.abs(tau) / EXCAVATOR.torque_limit_array).max() == pytest.approx(0.95, abs=0.01)
-    assert (np.abs(qd) <= EXCAVATOR.velocity_limit_array).all()
+    assert (np.abs(qd) <= np.array(EXCAVATOR.limits.velocity)).all()
     assert (np.abs(q) <= EXCAVATOR.angle_limit_array).all()
 
 
@@ -379,7 +380,7 @@ def test_what_cannot_be_is_refused() -> None:
     refused("must lie within", lambda: replace(prior, initial=prior.upper + 1.0))
     refused("give \\(4,\\)", lambda: PDGravity(model, settings, PayloadPrior(*np.zeros((3, 1)))))
     refused("memory has shape \\(2, 9\\)", lambda: setattr(controller, "memory", np.zeros((2, 9))))
-    refused("'pid' must be", lambda: make_planar_controller("pid"))
+    refused("'pid' must be", lambda: make_controller("pid", planar=True))
     refused("gain", lambda: SlotineLi(model, settings, prior, np.ones(1)))
     refused(
         "2 rows, the plant 1",

@@ -1,9 +1,9 @@
-"""Whether a two-link arm can reach a place among moving discs at all, and how soon: a search in space and time.
+"""Hybrid A* in joint angles, velocities and time for a two-link arm among discs whose motion is known.
 
-The search knows where every disc will be, which no planner does: it is a bound for those that see only the present.
-It is a hybrid A* (D. Dolgov et al., "Practical Search Techniques in Path Planning for Autonomous Driving", 2008) in
-joint angles, velocities and time: a lattice of motions with constant accelerations, an admissible heuristic in closed
-form, and from every state that is expanded time-optimal motions to rest at the goal in continuous time.
+Planners observe only the present, so the motions found here bound theirs. After D. Dolgov et al., "Practical Search
+Techniques in Path Planning for Autonomous Driving" (2008): a lattice of motions with constant accelerations, an
+admissible heuristic in closed form, and from expanded states time-optimal motions to rest at the goal in continuous
+time.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, along_profile
-from planners.motion.spacetime_search import FOUND, GAVE_UP, LAYER, Effort, Lattice, States, explore
-from planners.motion.spacetime_world import Goal, World
+from planners.motion.spacetime.lattice import FOUND, GAVE_UP, LAYER, Effort, Lattice, States, explore
+from planners.motion.spacetime.world import Goal, World
 from planners.problem import Trajectory, limit_ratios
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
@@ -29,7 +29,7 @@ Pieces = tuple[Array, Array, Array, Array]
 """Stretches of constant acceleration: when each begins, ``(pieces,)``, and q, qd and qdd there, ``(pieces, 2)``."""
 
 MARGIN = 0.003
-"""Clearance at every sample of the path, m, that leaves some between samples.
+"""Clearance at every sample of the path, m, that leaves a positive one between samples.
 
 The distance d from a disc's centre to a point of the arm has a second derivative of at most ``v^2 / d + a``, where v
 and a are their relative velocity and acceleration, so between two samples it dips below both by at most
@@ -38,13 +38,13 @@ SCARA_50CM with both joints at their limits, against a disc of 0.1 m at 1 m/s.
 """
 
 TORQUE_SHARE = 0.99
-"""Share of the torque limits that is used: they are looked at in some places only."""
+"""Share of the torque limits that is used: torques are checked at samples only."""
 
 POLISH = 4
-"""Where a coarser lattice has found a motion, the next may keep this many times fewer states to find a sooner one."""
+"""After a coarser lattice has found a motion, the next may keep this many times fewer states."""
 
 RING = 0.8
-"""Radius of a ring of further places to stop at around the goal, as a share of the tolerance."""
+"""Radius of the ring of further stopping places around the goal, as a share of the tolerance."""
 
 RING_PLACES = 8
 
@@ -52,7 +52,7 @@ GRID = 0.002
 """Spacing of the samples of the motion that is returned, s."""
 
 JUMP = 1e-6
-"""How long a jump of the acceleration lasts in the samples, s: in between, the motion is then as exact as at them."""
+"""Duration of a jump of the acceleration in the samples, s."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ class Answer:
     """What a search found.
 
     Attributes:
-        verdict: ``found``; ``exhausted``: no motion exists at the resolution of the lattice; or ``gave up``: more
-            states would have had to be kept than were allowed.
+        verdict: ``found``; ``exhausted``: no motion exists at the resolution of the lattice; or ``gave up``: the limit
+            on the number of states was reached.
         trajectory: the motion until the goal has been held long enough, or None. Its ``rendezvous_time`` is when the
             hand enters the tolerance for good, its ``cost`` the same.
         lower_bound: a time, s, before which no motion of the lattice has the hand in the tolerance for good; inf if
             there is none.
-        expanded: number of states that were looked at.
+        expanded: number of expanded states.
     """
 
     verdict: Verdict
@@ -97,7 +97,7 @@ def search(
     margin: float = MARGIN,
     nodes: int = 2_000_000,
 ) -> Answer:
-    """Bring the hand to ``goal`` and hold it there, as soon as possible, without touching a disc.
+    """Bring the hand to ``goal`` as soon as possible and hold it there, without touching a disc.
 
     Args:
         arm: two links.
@@ -108,18 +108,18 @@ def search(
         step: s.
         radii: of the discs, ``(k,)``, m.
         limits: what the joints may do; the arm's with half of its acceleration when left out.
-        tolerance: how far from the goal the hand may be, m.
-        hold: how long it is to be held, s.
-        horizon: when it must have been held, s.
-        time_steps: of the lattices to search one after the other, s; multiples of ``step``. The last one decides what
-            is exhausted; a coarser one before it finds motions that wait for long, and spares it what is later.
-        gap: how much later than the last lattice's earliest motion the answer may be, s.
-        margin: clearance to be kept at every sample, m.
-        nodes: most states of a lattice to keep before giving up.
+        tolerance: largest distance of the hand from the goal, m.
+        hold: time for which the goal is held, s.
+        horizon: time by which it has been held, s.
+        time_steps: of the lattices, searched in this order, s; multiples of ``step``. The last one decides what is
+            exhausted; a coarser one before it finds motions with long waits and prunes later ones.
+        gap: optimality gap: the answer is at most this much later than the last lattice's earliest motion, s.
+        margin: clearance kept at every sample, m.
+        nodes: most states of a lattice before giving up.
 
     Raises:
         UnreachableTarget: if the goal is out of the arm's reach.
-        ValueError: if shapes or numbers make no sense.
+        ValueError: if a shape or a number does not fit.
     """
     limits = limits or replace(arm.limits, acceleration=tuple(0.5 * a for a in arm.limits.acceleration))
     start, centers, sizes, place = (np.asarray(value, dtype=float) for value in (q, path, radii, goal))
@@ -172,7 +172,7 @@ def _check(
     time_steps: Sequence[float],
     horizon: float,
 ) -> None:
-    """Refuse what makes no sense."""
+    """Raise ValueError for arguments that do not fit."""
     if arm.n_joints != 2:
         raise ValueError(f"{arm.name} has {arm.n_joints} joints; this search is for two")
     for name, array, shape in (("q", start, (2,)), ("goal", goal, (2,)), ("path", path, (len(path), len(radii), 2))):
@@ -189,7 +189,7 @@ def _check(
 
 
 def _goal(world: World, arm: Arm, place: Array, tolerance: float, hold: int) -> Goal:
-    """The goal in joint angles, and when it may be held."""
+    """The goal in joint angles, with the times from which it can be held."""
     arm.inverse_kinematics(place)  # raises where the goal is out of reach
     turns = 2.0 * np.pi * np.arange(RING_PLACES) / RING_PLACES
     ring = place + RING * tolerance * np.stack([np.cos(turns), np.sin(turns)], axis=1)
@@ -200,7 +200,7 @@ def _goal(world: World, arm: Arm, place: Array, tolerance: float, hold: int) -> 
 
 
 def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray[np.int64]:
-    """See `Goal`: wherever the hand is in the tolerance, a disc that comes this near to the goal touches it."""
+    """``Goal.windows``: a disc closer to the goal than ``near`` touches a hand anywhere in the tolerance."""
     samples = len(world.path)
     near = world.radii + world.link_radius + world.margin - tolerance
     blocked = np.any(np.hypot(*np.moveaxis(world.path - place, -1, 0)) < near, axis=1)
@@ -214,7 +214,7 @@ def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray
 
 
 def _postures(arm: Arm, hands: Array) -> Array:
-    """Both postures for hand positions ``(batch, 2)`` that are moved into the arm's reach, ``(batch, 2, 2)``."""
+    """Both postures for hand positions ``(batch, 2)``, which are clipped to the reach, ``(batch, 2, 2)``."""
     away = hands - arm.base_array
     distance = np.hypot(*away.T)[:, None]
     within = np.clip(distance, abs(arm.lengths[0] - arm.lengths[1]), arm.reach)
@@ -222,7 +222,7 @@ def _postures(arm: Arm, hands: Array) -> Array:
 
 
 def _boxes(arm: Arm, place: Array, tolerance: float) -> Array:
-    """Ranges of angles of each branch with the hand within the tolerance, slightly too wide, ``(2, 2, 2)``."""
+    """Joint ranges of each branch with the hand in the tolerance, slightly too wide, ``(2, 2, 2)``."""
     turns = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     shares = np.linspace(0.0, 1.001, 6)
     disc = place + tolerance * np.stack(
@@ -233,7 +233,7 @@ def _boxes(arm: Arm, place: Array, tolerance: float) -> Array:
 
 
 def _pieces(world: World, lattice: Lattice, motion: States, profiles: Array) -> Pieces:
-    """The motion to the last state, and from there to rest."""
+    """The lattice motion to its last state, followed by the motion to rest."""
     steps = motion.astype(float)
     q = lattice.start + 0.5 * lattice.speed * lattice.dt * steps[:, [0, 2]]
     qd = lattice.speed * steps[:, [1, 3]]

@@ -1,4 +1,4 @@
-"""From stages of constant jerk to dense samples: what is checked, and what is returned."""
+"""Joint motion of an arm along its line: dense samples, their loads on the limits, and the `Trajectory` they make."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.dpct.constraints import Course, roll_out
-from planners.dpct.interior_point import Solution
 from planners.motion.line import Line
-from planners.motion.rides import KINDS, Window, joint_motion, limit_table
 from planners.problem import Trajectory
 from planners.typing import Array
 
-DENSE_STEP, RIDE_STEP = 0.002, 0.005
-"""Largest sampling step before and after the rendezvous, s."""
+KINDS = ("torque", "velocity", "acceleration", "jerk")
+
+RIDE_STEP = 0.005
+"""Largest sampling step after the rendezvous, s."""
 
 
 class Motion(NamedTuple):
-    """Samples of a motion along the line, by exact kinematics and inverse dynamics, ``(samples, n)`` each but ``t``.
+    """Samples of a motion along the line by exact kinematics and inverse dynamics, ``(samples, n)`` each, ``t`` 1D.
 
-    At an instant at which the jerk jumps there are two samples, one for either side.
+    Where the jerk jumps there are two samples, one for either side.
     """
 
     t: Array
@@ -36,7 +35,7 @@ class Motion(NamedTuple):
         return np.abs(np.stack([self.tau, self.qd, self.qdd, self.jerk], axis=1)) / limit_table(line)
 
     def peak_load(self, line: Line) -> Array:
-        """The largest loads, ``(4, n)``, with the peaks between samples by parabolas through three neighbours."""
+        """The largest loads, ``(4, n)``; parabolas through three neighbours give the peaks between samples."""
         load = self.load(line)
         peak: Array = load.max(axis=0)
         steps = np.diff(self.t)
@@ -49,26 +48,25 @@ class Motion(NamedTuple):
         return peak
 
 
-def sample_manoeuvre(line: Line, course: Course, solution: Solution) -> Motion:
-    """The motion up to the rendezvous."""
-    durations = course.durations * solution.time
-    parts = np.maximum(np.ceil(durations / DENSE_STEP).astype(int), 2)
-    stage = np.repeat(np.arange(len(durations)), parts + 1)
-    part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
-    s = durations[stage] * (part / parts[stage])
-    z = roll_out(course, solution.time, solution.acceleration, solution.jerk * solution.time**3)
-    e, ed, edd = (z[stage, i] / solution.time**i for i in range(3))
-    j = solution.jerk[stage]
-    t = (np.cumsum(durations) - durations)[stage] + s
-    r, v, a = line.target_at(t)
-    r += e + s * (ed + s * (edd / 2.0 + s * j / 6.0))
-    v += ed + s * (edd + s * j / 2.0)
-    a += edd + s * j
-    return Motion(t, *joint_motion(line, r, v, a, j))
+def limit_table(line: Line) -> Array:
+    """Limits of torque, velocity, acceleration and jerk, ``(4, n)``."""
+    limits = line.problem.joint_limits
+    return np.array([getattr(limits, kind) for kind in KINDS])
+
+
+def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """``q``, torque (eq 8), ``qd``, ``qdd`` and joint jerk (eq 9-11), exactly, each ``(samples, n)``."""
+    f = line.path.derivatives(r)
+    v, a, j = v[:, None], a[:, None], j[:, None]
+    qd = f[:, 1] * v
+    qdd = f[:, 2] * v**2 + f[:, 1] * a
+    jerk = f[:, 3] * v**3 + 3.0 * f[:, 2] * v * a + f[:, 1] * j
+    q = np.ascontiguousarray(f[:, 0])
+    return q, line.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk
 
 
 def sample_ride(line: Line, begin: float, end: float) -> Motion:
-    """The motion with the target from ``begin`` to ``end``, both included, or to where riding on breaks a limit."""
+    """The motion with the target from ``begin`` to ``end`` (s, both included), cut where riding breaks a limit."""
     t = np.linspace(begin, end, math.ceil((end - begin) / RIDE_STEP) + 1)
     motion = Motion(t, *joint_motion(line, *line.target_at(t), np.zeros_like(t)))
     excess = np.flatnonzero(motion.load(line).max(axis=(1, 2)) > 1.0)
@@ -76,14 +74,23 @@ def sample_ride(line: Line, begin: float, end: float) -> Motion:
     return Motion(*(values[:kept] for values in motion))
 
 
-def to_trajectory(line: Line, motions: list[Motion], window: Window, rendezvous: float, cost: float) -> Trajectory:
-    """Motions that follow each other, as one trajectory with its worst loads."""
+def to_trajectory(
+    line: Line, motions: list[Motion], window_closes: float, rendezvous: float, cost: float, planner: str
+) -> Trajectory:
+    """Consecutive motions as one trajectory with its worst loads.
+
+    Args:
+        line: of the motions.
+        motions: in order.
+        window_closes: until when the target can be ridden, s.
+        rendezvous, cost, planner: see `Trajectory`.
+    """
     load = np.max([motion.peak_load(line) for motion in motions], axis=(0, 2))
     joined = Motion(*(np.concatenate(values) for values in zip(*motions, strict=True)))
     last_of_instant = np.append(np.diff(joined.t) > 1e-12, True)
     t, q, tau, qd, qdd, _ = (values[last_of_instant] for values in joined)
     angle = float(np.max(np.abs(q) / np.array(line.problem.joint_limits.angle)))
-    cut = t[-1] < min(line.problem.horizon, window.closes) - 1e-9
+    cut = t[-1] < min(line.problem.horizon, window_closes) - 1e-9
     return Trajectory(
         t=t,
         q=q,
@@ -93,6 +100,6 @@ def to_trajectory(line: Line, motions: list[Motion], window: Window, rendezvous:
         limit_ratios={**dict(zip(KINDS, load.tolist(), strict=True)), "angle": angle},
         cost=cost,
         rendezvous_time=rendezvous,
-        planner="dpct (optimal)",
-        rides_until=float(t[-1]) if cut else window.closes,
+        planner=planner,
+        rides_until=float(t[-1]) if cut else window_closes,
     )

@@ -1,4 +1,4 @@
-"""Conditions of :mod:`planners.motion.spacetime`: clearance of discs, limits, and holding the goal."""
+"""Conditions of the search: clearance of the discs, joint limits, and holding the goal."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
 ROUNDING = 1e-9
-"""Share by which a multiple of the lattice's velocities may exceed a limit."""
+"""Share by which a velocity of the lattice may exceed a limit by rounding."""
 
 FAR_AHEAD = 1 << 20
-"""Samples that may be skipped where nothing moves."""
+"""Number of samples to skip where nothing moves."""
 
 
 class World(NamedTuple):
-    """The arm, what it may do, and the discs.
+    """The arm, its limits, and the discs.
 
     Attributes:
         lengths, base, link_radius: of the arm, m.
@@ -60,14 +60,14 @@ class World(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """Where the hand is to be held.
+    """Where and when the hand can be held.
 
     Attributes:
         position: ``(2,)``, m.
         tolerance: m.
-        hold: samples of the path for which it is to be held.
-        windows: for each sample of the path, the first from it on at which the hand might begin to be held, as far as
-            the discs let it near the goal; as many as there are samples where there is none, ``(samples,)``.
+        hold: number of samples for which it must be held.
+        windows: for each sample, the first one from it on at which the discs leave the goal free for a hold; the number
+            of samples where there is none, ``(samples,)``.
         aims: postures to come to rest in, ``(aims, 2)``, rad.
         boxes: range of each elbow branch's joint angles with the hand in the tolerance, ``(branches, 2, 2)``, rad.
     """
@@ -82,7 +82,7 @@ class Goal(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def next_window(world: World, goal: Goal, t: float) -> float:
-    """First time from ``t`` on, s, at which the discs may let the hand begin to be held; inf if there is none."""
+    """First time from ``t`` on, s, at which a hold can begin; inf if there is none."""
     sample = int(t / world.step)
     if sample >= len(goal.windows) or goal.windows[sample] == len(goal.windows):
         return np.inf
@@ -91,7 +91,7 @@ def next_window(world: World, goal: Goal, t: float) -> float:
 
 @njit(cache=True, nogil=True)
 def least_entry(world: World, goal: Goal, q: Array, qd: Array) -> float:
-    """A lower bound of the time, s, from here until the hand is in the tolerance for good."""
+    """A lower bound of the time, s, until the hand is in the tolerance for good."""
     least = np.inf
     for branch in range(goal.boxes.shape[0]):
         longest = 0.0
@@ -124,7 +124,7 @@ def gap_to_discs(world: World, sample: int, q: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def free_samples(world: World, gap: float, speed: float) -> int:
-    """Samples after this one that need no look, for arm (at most ``speed``) and discs cannot meet so soon."""
+    """Number of next samples that cannot touch: the arm moves by at most ``speed`` (m/s), the discs by ``pace``."""
     way = (speed + world.pace) * world.step
     return int((gap - world.margin) / way) if gap - world.margin < FAR_AHEAD * way else FAR_AHEAD
 
@@ -137,7 +137,7 @@ def step_is_free(world: World, first: int, samples: int, q0: Array, qd0: Array, 
     w2 = max(abs(qd0[1]), abs(qd0[1] + qdd[1] * end))
     speed = world.lengths[0] * w1 + world.lengths[1] * (w1 + w2)
     i = samples
-    while i > 0:  # from its end, where others have not looked yet
+    while i > 0:  # from its end: its start is the end of another step
         t = i * world.step
         for j in range(2):
             q[j] = q0[j] + t * (qd0[j] + 0.5 * t * qdd[j])
@@ -206,7 +206,7 @@ def entry_sample(
     )
     moving = math.ceil(duration / world.step)
     last = world.path.shape[0] - 1
-    if best <= last:  # most are not there before the best: one look tells
+    if best <= last:  # most are not there before the best: check that first
         posture_at(world, q0, qd0, profiles, (best - 1 - first) * world.step, q)
         if distance_to(goal, world, q) > goal.tolerance:
             return -1

@@ -1,8 +1,8 @@
-"""The compiled search of :mod:`planners.motion.spacetime`: A* over a lattice of joint states in time.
+"""A* over a lattice of joint states in time, compiled.
 
-A lattice step holds accelerations of {-a, 0, a} for a time dt. From rest that makes velocities multiples of ``a dt``
-and angles, counted from the start, multiples of ``a dt^2 / 2``: a state is four small integers and a time, and
-duplicates are found exactly. From states that are expanded, motions to rest at the goal are tried in continuous time.
+A lattice step holds accelerations of {-a, 0, a} for a time dt. From rest, velocities are multiples of ``a dt`` and
+angles, relative to the start, multiples of ``a dt^2 / 2``: a state is four small integers and a time, and duplicates
+are found exactly. From expanded states, motions to rest at the goal are tried in continuous time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.motion.spacetime_world import (
+from planners.motion.spacetime.world import (
     Goal,
     World,
     begin_rest,
@@ -31,25 +31,25 @@ from planners.typing import Array
 FOUND, EXHAUSTED, GAVE_UP = range(3)
 
 LAYER = 4
-"""Column of a state: time steps gone; before it angle and velocity of the first joint, and of the second."""
+"""Column of a state with the number of steps; before it are angle and velocity of the first and the second joint."""
 
 SUCCESSORS = 9
 """Accelerations {-a, 0, a} of two joints."""
 
 TRY_EVERY = 4
-"""Expanded states for one motion to rest that is tried, each way to rest in turn; from the start all are."""
+"""Number of expanded states per motion to rest that is tried, in turn; from the start all are tried."""
 
 States = NDArray[np.int16]
 
 
 class Lattice(NamedTuple):
-    """The joint states that steps of constant acceleration lead to.
+    """Joint states reached by steps of constant acceleration.
 
     Attributes:
         start: joint angles, ``(2,)``, rad.
-        speed: velocity that one step of full acceleration adds to each joint, ``(2,)``, rad/s.
+        speed: change of each joint's velocity in one step of full acceleration, ``(2,)``, rad/s.
         samples: number of samples of the discs' paths in a step.
-        dt: time a step takes, s.
+        dt: duration of a step, s.
     """
 
     start: Array
@@ -59,12 +59,12 @@ class Lattice(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """How long to search.
+    """When to stop the search.
 
     Attributes:
-        gap: how much later than the earliest motion of the lattice the answer may be, s.
+        gap: the answer is at most this much later than the lattice's earliest motion, s.
         nodes: most states to keep.
-        before: sample of the path before which the hand is to be in the tolerance.
+        before: sample of the path before which the hand must be in the tolerance.
     """
 
     gap: float
@@ -92,6 +92,7 @@ def explore(world: World, goal: Goal, lattice: Lattice, effort: Effort) -> tuple
     if gap_to_discs(world, 0, q) < world.margin:
         heap.pop()
     while heap:
+        # Stop when no remaining state can lead to a motion sooner than the best by more than the gap.
         f, node = heapq.heappop(heap)
         soonest = next_window(world, goal, f)
         if soonest >= best * world.step - effort.gap:
@@ -100,6 +101,7 @@ def explore(world: World, goal: Goal, lattice: Lattice, effort: Effort) -> tuple
         if count + SUCCESSORS > effort.nodes:
             verdict = GAVE_UP
             break
+        # Expand the state and try a motion to rest from it.
         expanded += 1
         state = nodes[node]
         first = state[LAYER] * lattice.samples
@@ -113,6 +115,7 @@ def explore(world: World, goal: Goal, lattice: Lattice, effort: Effort) -> tuple
             if entry >= 0:
                 best, best_node = entry, node
                 best_profiles[:] = profiles
+        # Add successors that are new, in time, within the limits and clear of the discs.
         for choice in range(SUCCESSORS):
             fill_successor(state, choice, nodes[count])
             place = find_place(table, nodes, count)
@@ -131,7 +134,7 @@ def explore(world: World, goal: Goal, lattice: Lattice, effort: Effort) -> tuple
             table[place] = count + 1
             heapq.heappush(heap, (f, count))
             count += 1
-    if verdict == EXHAUSTED and best < world.path.shape[0]:  # what was left out is hardly better than this
+    if verdict == EXHAUSTED and best < world.path.shape[0]:  # pruned states are at most the gap better
         lower = max(lower, best * world.step - effort.gap)
     if best_node < 0:
         return verdict, -1, lower, expanded, nodes[:0], best_profiles
@@ -158,7 +161,7 @@ def fill_successor(state: States, choice: int, new: States) -> None:
 
 @njit(cache=True, nogil=True)
 def find_place(table: NDArray[np.int32], nodes: States, node: int) -> int:
-    """Where in the table the state of a node is, or the free place where it belongs."""
+    """Index of a node's state in the hash table, or of the free place where it belongs."""
     key = np.uint64(0)
     for column in range(5):
         key = key * np.uint64(8191) + np.uint64(np.int64(nodes[node, column]) + 4096)
