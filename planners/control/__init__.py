@@ -1,15 +1,21 @@
-"""From a reference motion to joint torques.
+"""Control: from a reference motion to joint torques.
 
 :mod:`planners.control.tracking` tracks a sampled reference with a known arm; :mod:`planners.control.joint_limits` keeps
-its accelerations within the joint limits. The controllers of :mod:`planners.control.fixed` and
-:mod:`planners.control.adaptive` track with an unknown payload; all have the interface of `Controller`, over any
-`ArmModel`, batched.
+its accelerations within the joint limits. The controllers of :mod:`planners.control.laws` track
+with an unknown payload: batched, over any `ArmModel`.
 """
 
-from planners.control.adaptive import AdaptiveComputedTorque, AdaptiveController, IntegralSlotineLi, SlotineLi
 from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
-from planners.control.fixed import ComputedTorque, IntegralComputedTorque, PDGravity
 from planners.control.joint_limits import share_within, within_torque
+from planners.control.laws import (
+    AdaptiveComputedTorque,
+    AdaptiveController,
+    ComputedTorque,
+    IntegralComputedTorque,
+    IntegralSlotineLi,
+    PDGravity,
+    SlotineLi,
+)
 from planners.control.model import ArmModel
 from planners.control.payload_estimation import PayloadScale, Weighing
 from planners.control.planar import PlanarArmModel

@@ -1,4 +1,4 @@
-"""What every controller has in common: rows, settings, a belief about the payload, and torques within their limits."""
+"""Base of the controllers: settings, prior of the payload, memory between samples, and torque limits."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """How hard a controller holds on.
+    """Feedback gains and limits of a controller.
 
     Attributes:
         period: between two samples, s.
-        bandwidth: lambda, at which errors of each joint decay, 1/s, ``(n,)``.
+        bandwidth: lambda, the rate at which the error of each joint decays, 1/s, ``(n,)``.
         inertia: of each joint in a typical posture, kg m^2, ``(n,)``: scales the gains of laws without a mass matrix.
         torque_limit: largest absolute torque of each joint, N m, ``(n,)``; ``inf`` for none.
     """
@@ -38,10 +38,10 @@ class ControlSettings:
 
 @dataclass(frozen=True)
 class PayloadPrior:
-    """What is known of a payload's parameters before the first sample, each ``(p,)``.
+    """Prior of a payload's parameters, each ``(p,)``.
 
     Attributes:
-        initial: first estimate; a controller that does not adapt keeps it.
+        initial: first estimate; a fixed controller keeps it.
         lower, upper: bounds of the estimate.
     """
 
@@ -59,7 +59,7 @@ class PayloadPrior:
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample of the loop, ``(batch, n)`` each: what is measured, and what is wanted (``_d``)."""
+    """One sample of the loop, ``(batch, n)`` each: measured state and desired motion (``_d``)."""
 
     q: Array
     qd: Array
@@ -69,34 +69,33 @@ class Sample:
 
     @cached_property
     def error(self) -> Array:
-        """Angle that is wanted minus the one that is, rad."""
+        """Desired minus measured angle, rad."""
         return self.q_d - self.q
 
     @cached_property
     def error_rate(self) -> Array:
-        """The same of the velocities, rad/s."""
+        """Desired minus measured velocity, rad/s."""
         return self.qd_d - self.qd
 
 
 class Controller(ABC):
-    """A sampled tracking controller of an arm with a payload.
+    """A sampled tracking controller of a batch of arms with payloads.
 
-    Arrays have a leading axis of rows, arms that know nothing of each other; one arm is a batch of one. What the law
-    carries from sample to sample is in `memory`, which can be taken out and put back: one controller then serves many
-    loops in turn.
+    The state that a law carries from sample to sample is `memory`; it can be read and set, so that one controller can
+    serve many loops in turn.
 
     Args:
         model: the arm as the controller knows it.
         settings: gains and limits.
-        prior: what it takes the payload for.
-        rows: how many arms.
+        prior: first estimate and bounds of the payload.
+        rows: size of the batch.
 
     Raises:
         ValueError: if settings or prior do not fit the model.
     """
 
     _carried_at_first: ClassVar[float] = 0.0
-    """What a joint's carried number is before the first sample."""
+    """Value carried by a joint before the first sample."""
 
     def __init__(self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, rows: int = 1) -> None:
         for name in ("bandwidth", "inertia", "torque_limit"):
@@ -109,16 +108,16 @@ class Controller(ABC):
         self.reset()
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
-        """Forget what was learnt, in the rows of a mask ``(batch,)`` or in all of them."""
+        """Reset the memory, in the rows of a mask ``(batch,)`` or in all of them."""
         chosen = slice(None) if rows is None else rows
         self.parameters[chosen] = self.prior.initial
         self._carried[chosen] = self._carried_at_first
 
     @property
     def memory(self) -> Array:
-        """What is carried to the next sample, ``(batch, p + n)``: the estimates, then one number a joint.
+        """State carried to the next sample, ``(batch, p + n)``: the estimates, then one number a joint (a copy).
 
-        That number is the integral of the error, or whatever else the law needs. Reading gives a copy.
+        That number is the integral of the error or another quantity that the law needs.
 
         Raises:
             ValueError: on writing an array of another shape.
@@ -133,19 +132,19 @@ class Controller(ABC):
 
     @property
     def mass_estimate(self) -> Array:
-        """What it takes the payload to weigh now, ``(batch,)``, kg."""
+        """Estimated mass of the payload, ``(batch,)``, kg."""
         mass: Array = self.parameters[:, 0]
         return mass
 
     def torque(
         self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array, *, within: tuple[Array, Array] | None = None
     ) -> Array:
-        """Torques to hold for a period, within the limits; learns from the sample.
+        """Torques to hold for a period, within the limits; updates the memory.
 
         Args:
             q, qd: measured angles and velocities, ``(batch, n)``.
-            q_d, qd_d, qdd_d: wanted angles, velocities and accelerations, ``(batch, n)``.
-            within: least and largest torques that can be had at this sample, ``(batch, n)`` each, N m; the limits of
+            q_d, qd_d, qdd_d: desired angles, velocities and accelerations, ``(batch, n)``.
+            within: least and largest torques available at this sample, ``(batch, n)`` each, N m; the limits of
                 the settings when left out.
 
         Returns:
@@ -160,7 +159,7 @@ class Controller(ABC):
         return tau
 
     def wanted_torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        """What the law asks for, whatever the limits are, as `torque` has it; nothing is learnt from the sample."""
+        """Torques of the law without limits, see `torque`; the memory stays as it is."""
         return self._wanted(Sample(q, qd, q_d, qd_d, qdd_d))
 
     @abstractmethod
@@ -168,9 +167,9 @@ class Controller(ABC):
         """The torques of the law, without limits."""
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:  # noqa: B027
-        """Go on to the next sample; ``free`` marks the joints whose torque is within its limit.
+        """Update the memory; ``free`` marks joints whose torque is within its limit.
 
-        Where it is not, the error is the limit's doing and says nothing: integrals and estimates leave it out.
+        Integrals and estimates leave out the other joints: there the error comes from the limit.
         """
 
 

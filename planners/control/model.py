@@ -1,4 +1,4 @@
-"""What a controller asks of an arm."""
+"""Interface between controllers and models of arms."""
 
 from __future__ import annotations
 

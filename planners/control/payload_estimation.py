@@ -1,4 +1,4 @@
-"""Weighing a payload by the torques that moved it."""
+"""Online estimation of a payload's mass from the applied torques."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from planners.control.model import ArmModel
 from planners.typing import Array
 
 CUTOFF = 2.0
-"""Of the low-pass filter that both sides of the prediction pass, rad/s."""
+"""Cutoff of the low-pass filter on both sides of the prediction, rad/s."""
 
 PRIOR = 1e-9
-"""Information behind the first belief, that there is no payload, 1/kg^2: that of one sample in which a kilogram would
-take a thousandth of a torque limit. It is nothing beside any motion, and keeps an arm that rests from guessing."""
+"""Information of the prior (no payload), 1/kg^2: negligible beside any motion, it keeps the estimate of 0 at rest."""
 
 
 @dataclass(frozen=True)
 class Weighing:
-    """What the samples of each row say so far.
+    """Sums over the samples of each row so far.
 
     Attributes:
         regressor: filtered torques of a payload of 1 kg, shares of the limits, ``(batch, n)``.
-        residual: filtered torques that the arm without payload does not explain, shares of the limits, ``(batch, n)``.
+        residual: filtered torques minus those of the arm without payload, shares of the limits, ``(batch, n)``.
         information: sum of the squares of the regressors, 1/kg^2, ``(batch,)``.
         correlation: sum of the products of regressors and residuals, 1/kg, ``(batch,)``.
     """
@@ -40,7 +39,7 @@ class Weighing:
         return cls(np.zeros((rows, n_joints)), np.zeros((rows, n_joints)), np.zeros(rows), np.zeros(rows))
 
     def restarted(self, rows: NDArray[np.bool_]) -> Weighing:
-        """The same, with nothing known of some rows, ``(batch,)``."""
+        """A copy with the rows of a mask ``(batch,)`` reset."""
         kept = ~rows
         return Weighing(
             self.regressor * kept[:, None],
@@ -60,14 +59,13 @@ class PayloadScale:
 
     The torques ``tau`` that were held for a period gave the mean acceleration ``q''`` over it, so in the state at its
     middle ``tau - tau_0(q, q', q'')`` should be ``Y(q, q', q'') m``. Both sides pass the same low-pass filter, which
-    leaves the equation as it is and takes away noise: unfiltered, noise of the acceleration, which is in ``Y`` too,
-    pulls the estimate to zero. The mass is the one with the least squared error of all samples, joints weighed by their
-    torque limits. The torque has to be the one that was applied, after any limit; then a limit that is met says nothing
-    wrong.
+    keeps the equation and removes noise: unfiltered, noise of the acceleration, which is in ``Y`` too, biases the
+    estimate to zero. The mass has the least squared error over all samples, joints weighted by their torque limits.
+    ``tau`` is the applied torque, after any limit.
 
     With computed torque of the estimated mass it is the indirect adaptive law of R. H. Middleton and G. C. Goodwin,
     "Adaptive computed torque control for rigid link manipulations" (1988). Unlike `AdaptiveComputedTorque` it needs no
-    error of tracking, so that it serves policies that follow no reference, and no inverse of the mass matrix.
+    tracking error (so it serves policies without a reference) and no inverse of the mass matrix.
 
     Args:
         model: the arm without payload, with the mass as the only parameter.
@@ -81,17 +79,19 @@ class PayloadScale:
 
     def __init__(self, model: ArmModel, torque_limit: Array, period: float, cutoff: float = CUTOFF) -> None:
         if model.n_parameters != 1:
-            raise ValueError(f"a model with {model.n_parameters} parameters; a scale tells one, the mass of a payload")
+            raise ValueError(
+                f"a model with {model.n_parameters} parameters; PayloadScale estimates one, the mass of a payload"
+            )
         self._model = model
         self._torque_limit = torque_limit
         self._period = period
         self._passed = -np.expm1(-cutoff * period)
 
     def weigh(self, before: Weighing, q: Array, qd: Array, qdd: Array, tau: Array) -> Weighing:
-        """What is known after another period.
+        """The sums after another period.
 
         Args:
-            before: what was known at its beginning.
+            before: the sums at its beginning.
             q, qd: angles and velocities at its end, ``(batch, n)``.
             qdd: mean accelerations over it, ``(batch, n)``.
             tau: torques that were held, ``(batch, n)``, N m.

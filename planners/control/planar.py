@@ -1,4 +1,4 @@
-"""A planar arm as the controllers see it: its equations of motion, linear in a point mass at its hand."""
+"""Controller model of a planar arm: equations of motion linear in a point mass at its hand."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from planners.typing import Array
 class PlanarArmModel:
     """An `Arm` as an `ArmModel`; the one parameter is the point mass at the hand, kg.
 
-    In absolute link angles the equations of :mod:`planners.robot.dynamics` are linear in the coupling matrix and the
-    weight,
-    and a mass m at the hand adds ``m l l^T`` to the one and ``m g l`` to the other, l being the link lengths. That is
-    the arm that `Arm.with_payload` makes.
+    In absolute link angles the equations of :mod:`planners.robot.dynamics` are linear in coupling matrix and weight; a
+    mass m at the hand adds ``m l l^T`` and ``m g l`` to them, as `Arm.with_payload` does, l being the link lengths.
 
     Args:
         arm: without the payload.

@@ -137,5 +137,5 @@ class TestScale:
         assert known.mass[0] == 0.0
 
     def test_several_parameters_are_refused(self) -> None:
-        with pytest.raises(ValueError, match="parameters; a scale tells one"):
+        with pytest.raises(ValueError, match="parameters; give one with the mass alone"):
             PayloadScale(planar_model(moments=True), np.ones(3), self.period)

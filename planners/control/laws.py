@@ -1,7 +1,7 @@
-"""Controllers that learn the payload while they carry it.
+"""Control laws: with a fixed payload estimate, and with adaptive ones.
 
-Estimates start at the prior, change by a law that a Lyapunov function gives, and stay within the prior's bounds. The
-laws hold in continuous time; sampled, they take one step of Euler a period.
+The estimates of an adaptive law start at the prior, follow a law derived from a Lyapunov function, and stay within the
+prior's bounds. The laws hold in continuous time; sampled, they take one Euler step a period.
 """
 
 from __future__ import annotations
@@ -10,9 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
-from planners.control.fixed import ComputedTorque
 from planners.control.model import ArmModel
 from planners.typing import Array
+
+
+class PDGravity(Controller):
+    """PD control with gravity compensation: ``inertia (lambda^2 e + 2 lambda e') + g(q)``."""
+
+    def _wanted(self, sample: Sample) -> Array:
+        bandwidth, still = self.settings.bandwidth, np.zeros_like(sample.q)
+        feedback = self.settings.inertia * bandwidth * (bandwidth * sample.error + 2.0 * sample.error_rate)
+        return feedback + self.model.torque(sample.q, still, still, still, self.parameters)
+
+
+class ComputedTorque(Controller):
+    """Inverse dynamics of the desired acceleration plus PD: with an exact model a double error pole at -lambda."""
+
+    def _wanted(self, sample: Sample) -> Array:
+        return self.model.torque(sample.q, sample.qd, sample.qd, self._acceleration(sample), self.parameters)
+
+    def _acceleration(self, sample: Sample) -> Array:
+        """Desired acceleration with feedback, rad/s^2."""
+        bandwidth = self.settings.bandwidth
+        feedback: Array = bandwidth * (bandwidth * sample.error + 2.0 * sample.error_rate)
+        return sample.qdd_d + feedback
+
+
+class IntegralComputedTorque(ComputedTorque):
+    """Computed torque with an integral of the error: with an exact model a triple pole at -lambda."""
+
+    def _acceleration(self, sample: Sample) -> Array:
+        bandwidth = self.settings.bandwidth
+        feedback = 3.0 * (bandwidth * sample.error + sample.error_rate) + bandwidth**2 * self._carried
+        return sample.qdd_d + bandwidth * feedback
+
+    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+        self._carried += self.settings.period * sample.error * free
 
 
 class AdaptiveController(Controller):
@@ -21,7 +54,7 @@ class AdaptiveController(Controller):
     Args:
         model, settings, rows: as for every controller.
         prior: first estimate and bounds of the parameters.
-        gain: Gamma, how fast each parameter follows, ``(p,)``; its unit depends on the law.
+        gain: Gamma, the adaptation gain of each parameter, ``(p,)``; its unit depends on the law.
     """
 
     def __init__(
@@ -40,16 +73,15 @@ class AdaptiveController(Controller):
 
 
 class AdaptiveComputedTorque(AdaptiveController, ComputedTorque):
-    """Computed torque whose payload is learnt: the excavator paper's law (eq 3-1 to 3-19).
+    """Computed torque with an estimated payload: the law of the excavator paper (eq 3-1 to 3-19).
 
     It is the law of J. J. Craig, P. Hsu and S. S. Sastry ("Adaptive Control of Mechanical Manipulators", 1987):
     ``parameters' = gain Y(q, q', q'')^T M^-1 B^T P (e, e')``. ``P`` solves ``A^T P + P A = -Q`` (eq 3-16) for the error
-    dynamics of computed torque with ``Q = diag(2 lambda^3, 2 lambda)``, so that ``B^T P (e, e') = lambda e + e'``. It
-    needs the acceleration, taken here as the difference of two measured velocities, and the estimated mass matrix to
-    be regular.
+    dynamics of computed torque with ``Q = diag(2 lambda^3, 2 lambda)``, so that ``B^T P (e, e') = lambda e + e'``. The
+    acceleration is the difference of two measured velocities; the estimated mass matrix must be regular.
     """
 
-    _carried_at_first = np.nan  # carried is the last velocity, and before the first sample there is none
+    _carried_at_first = np.nan  # the last velocity; none before the first sample
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         measured = (sample.qd - self._carried) / self.settings.period
@@ -62,7 +94,7 @@ class AdaptiveComputedTorque(AdaptiveController, ComputedTorque):
 
 
 class SlotineLi(AdaptiveController):
-    """Adaptive control without acceleration and without inverse.
+    """Adaptive control without measured acceleration and without the inverse of the mass matrix.
 
     J.-J. E. Slotine and W. Li, "On the Adaptive Control of Robot Manipulators" (1987): with the reference velocity
     ``q_r' = q_d' + lambda e`` and the sliding variable ``s = q_r' - q'``
@@ -88,8 +120,8 @@ class SlotineLi(AdaptiveController):
 class IntegralSlotineLi(SlotineLi):
     """Slotine and Li's law with an integral in the sliding variable, ``s = e' + 2 lambda e + lambda^2 int e``.
 
-    If the model is right the error has a triple pole at -lambda, as that of `IntegralComputedTorque`. What no parameter
-    stands for (friction, another centre of mass) is left to the integral, which is carried on.
+    With an exact model the error has a triple pole at -lambda, as with `IntegralComputedTorque`. The integral
+    compensates what no parameter describes (friction, another centre of mass).
     """
 
     def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
