@@ -79,9 +79,7 @@ class PayloadScale:
 
     def __init__(self, model: ArmModel, torque_limit: Array, period: float, cutoff: float = CUTOFF) -> None:
         if model.n_parameters != 1:
-            raise ValueError(
-                f"a model with {model.n_parameters} parameters; PayloadScale estimates one, the mass of a payload"
-            )
+            raise ValueError(f"a model with {model.n_parameters} parameters; give one with the mass alone")
         self._model = model
         self._torque_limit = torque_limit
         self._period = period
