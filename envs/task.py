@@ -180,14 +180,6 @@ class Task(ABC):
     def picture(self, record: Any) -> dict[str, Any]:
         """Fields of the `Scene` of an environment's record that are this task's own."""
 
-    def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Goal of the hand in parsed observations: position, velocity, acceleration, each ``(num_envs, 2)``.
-
-        Raises:
-            NotImplementedError: if the task's goal is not a position of the hand.
-        """
-        raise NotImplementedError(f"the goal of {self.env_id} is not a position of the hand")
-
     def hand_position(self, env_index: int) -> Array:
         """Position of the hand, ``(2,)``, m."""
         return self.arm.forward_kinematics(self.batch["q"][env_index])

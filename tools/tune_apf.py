@@ -28,7 +28,7 @@ from scipy.optimize import Bounds, differential_evolution
 from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.files import write_json
 from agents.provenance import versions
-from envs.experts.potential_field import DodgingExpert
+from envs.obstacle_dodge.experts import DodgingExpert
 from planners.apf.dodge.gains import GAINS_FILE, DodgeGains, tuned_gains
 from planners.typing import Array
 

@@ -32,8 +32,8 @@ class PathsOptions:
 --plot docs/paths_min_torque_move.png
         $ planarm paths ObstacleDodge-v0 --policies follower dpct lagrange apf --seed 29 \
 --plot docs/paths_obstacle_dodge.png
-        $ planarm paths ExcavatorPayload-v0 --policies computed_torque lagrange adaptive agent --seed 12 \
---plot docs/paths_excavator_payload.png
+        $ planarm paths ExcavatorPayload-v0 --policies computed_torque integral_computed_torque adaptive \
+agent --seed 12 --plot docs/paths_excavator_payload.png
     """
 
     env: tyro.conf.Positional[str]

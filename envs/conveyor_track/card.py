@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
-from envs.conveyor_track.planning import meet_on_line
+from envs.conveyor_track.experts import meet_on_line
 from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
 from envs.experts.potential_field import MovingTargetExpert
@@ -39,8 +39,8 @@ CARD = TaskCard(
     experts={
         "dpct": lambda task: PlanningExpert(task, meet_on_line),
         "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
-        "apf": MovingTargetExpert,
-        "follower": FollowerExpert,
+        "apf": lambda task: MovingTargetExpert(task, task.hand_goal),
+        "follower": lambda task: FollowerExpert(task, task.hand_goal),
     },
     control_modes=CONTROL_MODES,
     bound=Bound("settling_time", "settling time of the best known optimum within the same tolerances", _bound),

@@ -6,9 +6,7 @@ import math
 from functools import partial
 
 from envs.card import Info, Metric, Picture, TaskCard
-from envs.excavator_payload.controllers import PayloadExpert
-from envs.excavator_payload.waypoint_experts import FieldWayExpert, PlannedWayExpert, unhurried
-from planners import dpct, quintic
+from envs.excavator_payload.experts import PayloadExpert
 
 
 def _outcome(info: Info, duration: float) -> str:
@@ -25,10 +23,7 @@ CARD = TaskCard(
         Metric("waypoint_error", "at waypoints (mm)", 1e3),
     ),
     experts={
-        "dpct": lambda task: PlannedWayExpert(task, partial(dpct.plan, variant="torque")),
-        "lagrange": lambda task: PlannedWayExpert(task, unhurried),
-        "apf": FieldWayExpert,
-        "follower": lambda task: PlannedWayExpert(task, quintic.plan),
+        # No planner stands here: every motion but the given one is a failure by the task's own definition.
         "adaptive": PayloadExpert,
         "adaptive_computed_torque": partial(PayloadExpert, controller="adaptive-computed-torque", moments=False),
         "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),

@@ -1,8 +1,7 @@
 """Scripted experts: a planner and a tracking controller behind the `predict` of a Stable-Baselines3 policy.
 
-An expert sees what an agent sees, the observation, and gives what an agent gives, an action in the environment's
-control mode. What it must remember between steps travels in the `state` that `predict` takes and returns; without
-one an expert goes on from its own last call.
+An expert reads the observation, as an agent does, and returns an action in the environment's control mode. Its memory
+is the `state` that `predict` takes and returns; without one an expert continues from its own last call.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ from envs.card import env_ids, task_card
 from envs.experts.base import Expert
 from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
-from envs.experts.potential_field import DodgingExpert, JointFieldExpert, MovingTargetExpert
+from envs.experts.potential_field import JointFieldExpert, MovingTargetExpert
 from envs.experts.random_policy import RandomExpert
 from envs.settings import refuse_unknown
 from envs.task import Task
 
 __all__ = [
     "ADAPTIVE",
-    "DodgingExpert",
     "Expert",
     "FollowerExpert",
     "JointFieldExpert",

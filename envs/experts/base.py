@@ -20,17 +20,19 @@ from planners.typing import Array
 
 Actions = NDArray[np.float32]
 Planner = Callable[[MotionProblem], Trajectory]
+HandGoal = Callable[[dict[str, Array]], tuple[Array, Array, Array]]
+"""Reads from parsed observations where the hand should be: position, velocity, acceleration, ``(num_envs, 2)`` each."""
 
 
 class Expert(ABC):
     """A policy whose actions come from a planner or a controller, not from a network.
 
-    It takes the arm for unloaded, unless `adapt` makes it weigh what the hand holds.
+    It assumes an unloaded arm, unless `adapt` makes it estimate the payload.
 
     Attributes:
         plans_made: number of motions planned so far.
-        planning_seconds: time they took.
-        infeasible: how many of them had no solution.
+        planning_seconds: time spent on them.
+        infeasible: how many of the problems had no solution.
     """
 
     def __init__(self, task: Task) -> None:
@@ -43,16 +45,16 @@ class Expert(ABC):
         self._payload: Array = np.zeros(0)
         if task.action_space().shape != (task.arm.n_joints,):
             raise ValueError(
-                f"experts act at every instant, and control_mode {task.config.control_mode!r} of {task.env_id} takes "
-                "another kind of action; leave it out"
+                f"experts give one number a joint, and control_mode {task.config.control_mode!r} of {task.env_id} "
+                "takes another kind of action; leave it out"
             )
         self._scale = action_scale(task.arm, task.actuation_mode(task.config))
 
     def adapt(self) -> Self:
-        """From now on estimate the payload, and plan and act for the arm that holds it; see `PayloadAdaptation`.
+        """Estimate the payload from now on, and plan and act for the loaded arm; see `PayloadAdaptation`.
 
         Raises:
-            ValueError: if that cannot be done in this environment or control mode.
+            ValueError: if this environment or control mode does not allow it.
         """
         self._adaptation = PayloadAdaptation(self.task)
         self._memory = None
@@ -74,10 +76,10 @@ class Expert(ABC):
 
         Args:
             observation: ``(size,)`` or ``(num_envs, size)``.
-            state: what the last call returned; None to go on from this expert's own last call.
+            state: from the last call; None to continue from this expert's own last call.
             episode_start: ``(num_envs,)``, which environments are at the first step of an episode; may be left out,
-                because the observation tells the time.
-            deterministic: accepted for compatibility; experts are deterministic unless their name says otherwise.
+                because the observation holds the time.
+            deterministic: ignored, for compatibility.
 
         Returns:
             Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and the state for the next call.
@@ -95,11 +97,11 @@ class Expert(ABC):
             actions, self._memory = self._act(batch, memory, starts)
             clipped = _clipped(actions)
         else:
-            known = self._adaptation.weigh(batch, cast(Knowledge | None, memory), starts)
+            known = self._adaptation.update(batch, cast(Knowledge | None, memory), starts)
             self._payload = known.mass_estimate
             actions, inner = self._act(batch, known.expert, starts)
             clipped = _clipped(actions)
-            self._memory = known.having_held(self._scale * clipped, inner)
+            self._memory = known.after(self._scale * clipped, inner)
         return (clipped[0] if np.ndim(observation) == 1 else clipped), self._memory
 
     @abstractmethod
@@ -107,7 +109,7 @@ class Expert(ABC):
         """Unclipped actions ``(num_envs, n)`` and the next state."""
 
     def _begins(self, seen: dict[str, Array]) -> NDArray[np.bool_]:
-        """Environments at the first step of an episode, ``(num_envs,)``, by the time that is left."""
+        """Environments at the first step of an episode, ``(num_envs,)``, by the time left."""
         config = self.task.config
         begins: NDArray[np.bool_] = seen["time_left"][:, 0] > config.horizon - 0.5 * config.control_period
         return begins
@@ -149,7 +151,7 @@ class Expert(ABC):
         return fitting
 
     def _arms(self) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
-        """The arms, with what they are taken to hold, each with its environments."""
+        """The arms with their estimated payloads, each with its rows of the batch."""
         return loaded_arms(self.task.arm, self._payload)
 
 

@@ -1,4 +1,4 @@
-"""What experts do about a payload that nobody tells them: they weigh it while they move it."""
+"""Online estimation of an unknown payload by experts."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _GRAMS = 3
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What an expert that adapts remembers from step to step; its `state`.
+    """The `state` of an expert that adapts.
 
     Attributes:
-        expert: what it would remember anyway.
-        weighing: what is known of the payloads.
+        expert: the state of the expert itself.
+        weighing: what the samples so far say about the payloads.
         tau: torques of the last action, ``(num_envs, n)``, N m.
-        due: control periods that the next observation should leave, ``(num_envs,)``.
+        due: control periods left at the next observation, ``(num_envs,)``.
     """
 
     expert: Any
@@ -38,26 +38,26 @@ class Knowledge:
 
     @property
     def mass_estimate(self) -> Array:
-        """Estimated payloads, ``(num_envs,)``, kg: to the gram, so that environments can share an arm."""
+        """Estimated payloads, ``(num_envs,)``, kg, rounded to grams so that environments can share an arm."""
         return np.round(self.weighing.mass, _GRAMS)
 
-    def having_held(self, tau: Array, expert: Any) -> Knowledge:
-        """The same after an action: its torques ``(num_envs, n)``, N m, and what the expert remembers now."""
+    def after(self, tau: Array, expert: Any) -> Knowledge:
+        """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
         return replace(self, expert=expert, tau=tau, due=self.due - 1)
 
 
 class PayloadAdaptation:
-    """Adaptive computed torque around an expert: an estimate of the mass on the hand, by what its torques have done.
+    """Adaptive computed torque around an expert.
 
-    Every observation tells which mean acceleration the torques of the last action have given; `PayloadScale` turns that
-    into a mass. The expert plans, and keeps its limits, for the arm with that mass, and computed torque is that of this
-    arm. An episode begins without payload.
+    Every observation holds the mean acceleration under the torques of the last action, from which `PayloadScale`
+    estimates the mass on the hand. Plans, limits and computed torque are those of the arm with that mass. An episode
+    begins without payload.
 
     Args:
         task: the environment's task.
 
     Raises:
-        ValueError: if actions are not torques, or observations do not tell what they have done.
+        ValueError: if actions are not torques, or observations do not show their effect.
     """
 
     def __init__(self, task: Task) -> None:
@@ -77,14 +77,14 @@ class PayloadAdaptation:
         period, limit = task.config.control_period, np.array(task.arm.limits.torque)
         self._scale = PayloadScale(PlanarArmModel(task.arm), limit, period)
 
-    def weigh(self, observations: Observation, before: Knowledge | None, starts: NDArray[np.bool_]) -> Knowledge:
-        """What is known with these observations.
+    def update(self, observations: Observation, before: Knowledge | None, starts: NDArray[np.bool_]) -> Knowledge:
+        """The estimate with new observations.
 
         Args:
             observations: ``(num_envs, size)``.
-            before: what was known after the last action, if any.
-            starts: environments in which an episode begins, ``(num_envs,)``. It does, too, where an observation does
-                not continue the remembered episode.
+            before: the state after the last action, if any.
+            starts: environments in which an episode begins, ``(num_envs,)``; one begins too where an observation does
+                not continue the last episode.
         """
         seen = self._task.layout.parse(observations)
         left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
@@ -97,7 +97,7 @@ class PayloadAdaptation:
 
 
 def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:
-    """Each arm that there is among environments with these payloads, ``(num_envs,)``, kg, with its environments."""
+    """The different arms among payloads ``(num_envs,)``, kg, each with its rows of the batch."""
     if np.all(payload == payload[0]):
         yield _loaded(arm, float(payload[0])), slice(None)
         return

@@ -1,4 +1,4 @@
-"""The expert that plans and then tracks its plan."""
+"""An expert that plans a motion and tracks it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from planners.control import Gains, tracking_acceleration
 from planners.typing import Array
 
 PAYLOAD_TOLERANCE = 0.01
-"""Error of the payload that a plan was made for, kg, from which on it is made anew."""
+"""Replan when the payload estimate differs by more from the one planned for, kg."""
 
 
 @dataclass(frozen=True)
 class _Tracking:
-    """What a planning expert remembers: each environment's sampled plan, and how far along it is.
+    """The `state` of a planning expert: each environment's plan and its progress.
 
     Attributes:
         q, qd: plans sampled at the control periods, ``(num_envs, samples, n)``.
-        begun: control periods that were left when the plan was made, ``(num_envs,)``.
-        last: last sample that is planned, ``(num_envs,)``; 0 where there is no plan.
-        posed: observations that posed what was planned, ``(num_envs, size)``.
-        payload: what was taken for the payloads then, ``(num_envs,)``, kg.
-        due: control periods that the next observation should leave, ``(num_envs,)``.
+        begun: control periods left when the plan was made, ``(num_envs,)``.
+        last: index of the last planned sample, ``(num_envs,)``; 0 where there is no plan.
+        posed: observations the plans were made from, ``(num_envs, size)``.
+        payload: payload estimates they were made for, ``(num_envs,)``, kg.
+        due: control periods left at the next observation, ``(num_envs,)``.
     """
 
     q: Array
@@ -41,17 +41,15 @@ class _Tracking:
 
 
 class PlanningExpert(Expert):
-    """Plans at the start of an episode, and again from time to time if asked to; tracks the plan by computed torque.
+    """Plans at the start of an episode, and periodically if asked to; tracks the plan by computed torque.
 
-    Where an observation does not continue the remembered episode, the environment is planned anew from there. An
-    environment without
-    a plan (the problem has no solution), or past the end of its plan, brakes within its limits. An expert that
-    weighs the payload plans anew as soon as a plan was made for another.
+    An environment is replanned where its observation does not continue the last episode, and where the payload
+    estimate has changed. Without a plan (the problem has no solution), and past its end, the arm brakes within limits.
 
     Args:
         task: the environment's task.
         planner: makes the plans.
-        replan_every: control periods after which a plan is replaced by a new one; None to keep it to the end.
+        replan_every: control periods between two plans; None to keep one to the end.
         gains: of the tracking controller.
     """
 
@@ -78,7 +76,7 @@ class PlanningExpert(Expert):
         if misjudged.any():
             posed, begun = tracking.posed, tracking.begun
             tracking, planned = self._replanned(tracking, observations, left, misjudged)
-            # Not every planner takes over a moving arm. In the first periods it has hardly left the old start.
+            # Not every planner starts from a moving arm; in the first periods the old start is close enough.
             again = misjudged & ~planned
             if again.any():
                 tracking, _ = self._replanned(tracking, posed, begun, again)
@@ -106,9 +104,9 @@ class PlanningExpert(Expert):
     def _replanned(
         self, old: _Tracking, observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
     ) -> tuple[_Tracking, NDArray[np.bool_]]:
-        """Replan some environments from observations with so many periods left; say which have a new plan.
+        """Replan environments ``anew`` from observations with so many periods left.
 
-        The others keep what they have.
+        Returns the new state, and which environments have a new plan; the others keep theirs.
         """
         new = replace(
             old,
@@ -140,7 +138,7 @@ class PlanningExpert(Expert):
         arm, period = self.task.arm, self.task.config.control_period
         acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
         qd, qdd = seen["joint_velocity"], seen["joint_acceleration"]
-        # Speed v is shed to rest at full jerk from an acceleration of at most sqrt(2 jerk v).
+        # At full jerk, speed v can be braked to rest from an acceleration of at most sqrt(2 jerk v).
         limited = np.isfinite(jerk)
         smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
         gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
@@ -152,7 +150,7 @@ class PlanningExpert(Expert):
 def _forgotten(
     old: _Tracking, observations: Observation, left: NDArray[np.int64], batch: NDArray[np.bool_]
 ) -> _Tracking:
-    """The same without the plans of some environments, which begin with these observations."""
+    """The same without the plans of some environments, which start from these observations."""
     return replace(
         old,
         begun=np.where(batch, left, old.begun),

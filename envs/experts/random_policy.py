@@ -1,4 +1,4 @@
-"""The expert that is none: random actions, the floor of every leaderboard."""
+"""Random policy, a lower bound for every leaderboard."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planners.typing import Array
 class RandomExpert(Expert):
     """Uniformly random actions.
 
-    They are drawn by hashing the observation, so that an episode is the same in whatever batch it is run.
+    Actions are a hash of the observation, so that an episode does not depend on the batch it runs in.
 
     Args:
         task: the environment's task.

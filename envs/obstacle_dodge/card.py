@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
-from envs.experts.potential_field import DodgingExpert
 from envs.obstacle_dodge.bound import time_to_goal
-from envs.obstacle_dodge.planning import REPLAN_EVERY, pass_via_nodes, time_along_line
+from envs.obstacle_dodge.experts import REPLAN_EVERY, DodgingExpert, pass_via_nodes, time_along_line
 from planners import trapezoid
 
 

@@ -1,4 +1,4 @@
-"""What DPCT is asked on a conveyor."""
+"""DPCT as an expert of ConveyorTrack-v0."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from planners import MotionProblem, MovingHand, Trajectory, dpct
 
 DRIFT = 1e-3
-"""Velocity of the hand across the part's line that is left to tracking, m/s."""
+"""Largest velocity of the hand across the part's line that is left to tracking, m/s."""
 
 
 def meet_on_line(problem: MotionProblem) -> Trajectory:
-    """DPCT: the earliest rendezvous on the line of the part.
+    """The earliest rendezvous on the line of the part.
 
-    A payload that is not known yet makes the hand drift off its line a little, and DPCT plans for hands that move along
-    it; what is across is taken out of the start.
+    DPCT plans for hands that move along that line. Before a payload is known the hand drifts off it a little; such a
+    drift is taken out of the start.
     """
     return dpct.plan(_along_line(problem), allow_reverse=True)
 

@@ -1,0 +1,85 @@
+"""Experts of ObstacleDodge-v0: planners that replan as the predicted discs change, and a field that reacts to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.experts.base import Expert
+from envs.observation import Observation
+from envs.obstacle_dodge.env import ObstacleDodge
+from envs.obstacle_dodge.paths import NEAREST
+from planners import MotionProblem, Trajectory, dpct, lagrange
+from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
+from planners.typing import Array
+
+REPLAN_EVERY = 5
+"""Control periods between two plans."""
+
+ACCELERATION_SHARE, VELOCITY_SHARE = 0.88, 0.96
+"""Shares of the arm's limits for plans; the rest is for tracking."""
+
+
+def time_along_line(problem: MotionProblem) -> Trajectory:
+    """DPCT: straight lines in joint space, timed so that the discs have passed or have not come yet.
+
+    Where no timing avoids a disc, the motion that delays the contact.
+    """
+    return dpct.plan(_with_full_limits(problem), variant="timing", contact="delay")
+
+
+def pass_via_nodes(problem: MotionProblem) -> Trajectory:
+    """Lagrange: an interpolant whose inner nodes are moved aside of the predicted discs."""
+    return lagrange.plan(_with_full_limits(problem), variant="via", keep_out=NEAREST)
+
+
+def _with_full_limits(problem: MotionProblem) -> MotionProblem:
+    """Evading takes more than half of the acceleration, which is what the problem allows for an undisturbed move."""
+    limits = problem.arm.limits
+    acceleration = tuple(ACCELERATION_SHARE * value for value in limits.acceleration)
+    velocity = tuple(VELOCITY_SHARE * value for value in limits.velocity)
+    return replace(problem, limits=replace(limits, acceleration=acceleration, velocity=velocity))
+
+
+class DodgingExpert(Expert):
+    """A field around the whole arm, among moving discs; see `planners.apf.dodge`.
+
+    Args:
+        task: the environment's task.
+        gains: of the field; the tuned ones when left out.
+    """
+
+    def __init__(self, task: ObstacleDodge, gains: DodgeGains | None = None) -> None:
+        super().__init__(task)
+        self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
+        self._gains = gains or tuned_gains()
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
+        seen = self.task.layout.parse(observations)
+        batch, discs = seen["obstacle_radius"].shape
+        memory = new_memory(batch, discs) if state is None or len(state) != batch else state.copy()
+        memory[starts | self._begins(seen)] = np.zeros(1, memory.dtype)
+        q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
+        places = seen["obstacle"].reshape(batch, discs, 2) + base
+        rates = seen["obstacle_velocity"].reshape(batch, discs, 2)
+        qdd = np.empty_like(q)
+        for arm, rows in self._arms():
+            part = memory[rows]
+            qdd[rows] = dodge_accelerations(
+                arm,
+                self._gains,
+                q[rows],
+                qd[rows],
+                seen["goal"][rows] + base,
+                places[rows],
+                rates[rows],
+                seen["obstacle_radius"][rows],
+                part,
+                self.task.config.control_period,
+                **self._rules,
+            )
+            memory[rows] = part
+        return self._action_for(seen, qdd), memory
