@@ -179,15 +179,9 @@ def evaluate(
             by_time[3] = -3.0 * j / time
             look_up(course.table_start, course.table_step, course.table, r, table, slope)
             for i in range(n):
-                f1, f2, f3, inertia, bias, weight = (
-                    table[0, i],
-                    table[1, i],
-                    table[2, i],
-                    table[3, i],
-                    table[4, i],
-                    table[5, i],
-                )
+                f1, f2, f3, inertia, bias, weight = table[:, i]
                 if point < 2:
+                    # torque, eq 12; velocity, eq 10; acceleration, eq 11
                     row = point * per_point + 3 * i
                     c = inverse[0, i]
                     value[k, row] = c * (inertia * a + bias * v * v + weight)
@@ -200,6 +194,7 @@ def evaluate(
                     value[k, row + 2] = c * (f2 * v * v + f1 * a)
                     dr = f3 * v * v + f2 * a
                     _chain(gradient[k, row + 2], s, time, by_time, c * dr, c * 2.0 * f2 * v, c * f1, 0.0)
+                # jerk: the derivative of eq 11
                 row = 2 * per_point + point * n + i
                 c = inverse[3, i]
                 value[k, row] = c * (f3 * v**3 + 3.0 * f2 * v * a + f1 * j)
@@ -207,6 +202,7 @@ def evaluate(
                 dv = 3.0 * f3 * v * v + 3.0 * f2 * a
                 _chain(gradient[k, row], s, time, by_time, c * dr, c * dv, c * 3.0 * f2 * v, c * f1)
             if point < 2:
+                # place, speed and errors of the hand
                 row = point * per_point + 3 * n
                 value[k, row] = (r - middle) / half_range
                 _chain(gradient[k, row], s, time, by_time, 1.0 / half_range, 0.0, 0.0, 0.0)

@@ -76,6 +76,7 @@ def solve(
     position_cost, velocity_cost = cost_matrices(course.durations)
     bounded = bounded_rows(course)
     bounded[0, -1, :] = free_time
+    bounds = max(int(np.sum(bounded)), 1)
     rows = bounded.shape[1]
     value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
     hessian, linear = np.empty((stages, 5, 5)), np.empty((stages, 5))
@@ -86,7 +87,7 @@ def solve(
     z = roll_out(course, time, acceleration, control)
     evaluate(course, time, time_low, time_high, z, control, value, gradient)
     gap = FIRST_GAP
-    slack, dual = _initial_slacks(bounded, value, gap)
+    slack, dual = _first_slacks(bounded, value, gap)
     centring, violation, converged, iterations, stalled = 1.0, np.inf, False, 0, 0
     for iteration in range(max_iterations):
         iterations = iteration + 1
@@ -106,7 +107,7 @@ def solve(
         dual += dual_length * dual_step
         z = roll_out(course, time, acceleration, control)
         evaluate(course, time, time_low, time_high, z, control, value, gradient)
-        violation, gap = _excess(bounded, value), _mean_product(bounded, slack, dual)
+        violation, gap = _excess(bounded, value), np.sum(slack * dual) / bounds
         end_error = np.max(np.abs(z[stages]))
         if not np.isfinite(end_error + gap):
             break
@@ -173,16 +174,11 @@ def _quintic_control(course: Course, time: float) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _initial_slacks(bounded: Array, value: Array, barrier: float) -> tuple[Array, Array]:
+def _first_slacks(bounded: Array, value: Array, barrier: float) -> tuple[Array, Array]:
     """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
-    slack, dual = np.ones(bounded.shape), np.zeros(bounded.shape)
-    for k in range(bounded.shape[0]):
-        for row in range(bounded.shape[1]):
-            for side in range(2):
-                if bounded[k, row, side]:
-                    slack[k, row, side] = max(1.0 - (2 * side - 1) * value[k, row], FIRST_SLACK)
-                    dual[k, row, side] = barrier / slack[k, row, side]
-    return slack, dual
+    rooms = np.stack((1.0 + value, 1.0 - value), axis=2)
+    slack = np.where(bounded, np.maximum(rooms, FIRST_SLACK), 1.0)
+    return slack, np.where(bounded, barrier / slack, 0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -298,23 +294,5 @@ def _slack_steps(
 @njit(cache=True, nogil=True)
 def _excess(bounded: Array, value: Array) -> float:
     """Largest excess of a scaled limit, 0 if there is none."""
-    excess = 0.0
-    for k in range(bounded.shape[0]):
-        for row in range(bounded.shape[1]):
-            for side in range(2):
-                if bounded[k, row, side]:
-                    excess = max(excess, (2 * side - 1) * value[k, row] - 1.0)
-    return excess
-
-
-@njit(cache=True, nogil=True)
-def _mean_product(bounded: Array, slack: Array, dual: Array) -> float:
-    """Mean product of slack and multiplier."""
-    total, count = 0.0, 0
-    for k in range(bounded.shape[0]):
-        for row in range(bounded.shape[1]):
-            for side in range(2):
-                if bounded[k, row, side]:
-                    total += slack[k, row, side] * dual[k, row, side]
-                    count += 1
-    return total / max(count, 1)
+    excess = np.where(bounded, np.stack((-value, value), axis=2) - 1.0, 0.0)
+    return max(0.0, np.max(excess))

@@ -34,11 +34,8 @@ def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Arra
         ``w``, ``(N, 5)``, and ``y``, ``(free,)``; not finite where there is no solution.
     """
     stages = durations.shape[0]
-    gain, offset, answer = (
-        np.empty((stages, 4)),
-        np.empty(stages),
-        np.empty((stages, 3)),
-    )  # u = gain x + offset + answer nu
+    # u = gain x + offset + answer nu
+    gain, offset, answer = np.empty((stages, 4)), np.empty(stages), np.empty((stages, 3))
     p_matrix, p_vector = np.zeros((4, 4)), np.zeros(4)
     e_matrix, e_vector, w_matrix = np.eye(3, 4), residual.copy(), np.zeros((3, 3))
     column = np.empty(4)

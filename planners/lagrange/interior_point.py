@@ -117,9 +117,7 @@ def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance
             penalty = 1.0
             if converged:
                 break
-    load = 0.0
-    for value in point.load.flat:
-        load = max(load, abs(value))
+    load = np.max(np.abs(point.load)) if point.load.size > 0 else 0.0
     return Solution(x, load, converged)
 
 
@@ -173,17 +171,12 @@ def _move_duals(duals: Array, steps: Array, length: float, slacks: Array, barrie
 @njit(cache=True, nogil=True)
 def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array, float]:
     """Newton's step, the diagonal raised until the matrix is positive definite, and by how much it was."""
-    size, width = model.hessian.shape
-    step = np.zeros(size)
-    factor = np.empty((size, width))
+    step, factor = np.zeros_like(model.gradient), np.empty_like(model.hessian)
     while shift < 1e12:
-        for i in range(size):
-            for j in range(width):
-                factor[i, j] = model.hessian[i, j]
-            factor[i, width - 1] += shift / unknowns
+        factor[:] = model.hessian
+        factor[:, -1] += shift / unknowns
         if factorise(factor):
-            for i in range(size):
-                step[i] = -model.gradient[i]
+            step[:] = -model.gradient
             substitute(factor, step)
             break
         shift = max(1e-3, 4.0 * shift)

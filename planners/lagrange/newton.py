@@ -81,19 +81,11 @@ def displace(tr: Transcription, x: Array) -> Array:
 @njit(cache=True, nogil=True)
 def look_at(tr: Transcription, task: Task, x: Array) -> Point:
     """Motion, torques and loads for unknowns ``x`` ``(unknowns, n)``."""
-    links = displace(tr, x)
-    n = x.shape[1]
-    tau = np.empty((links.shape[0], n))
+    links = displace(tr, x) + tr.base
+    tau = np.empty((links.shape[0], x.shape[1]))
     for k in range(links.shape[0]):
-        for d in range(links.shape[1]):
-            for j in range(n):
-                links[k, d, j] += tr.base[k, d, j]
         torques_single(task.coupling, task.weight, links[k], tau[k])
-    load = bounded(task, links, tau)
-    for k in range(links.shape[0]):
-        for j in range(n):
-            tau[k, j] /= task.unit
-    return Point(links, tau, load)
+    return Point(links, tau / task.unit, bounded(task, links, tau))
 
 
 @njit(cache=True, nogil=True)
@@ -155,7 +147,6 @@ def newton_model(
     slopes, bends, factors = np.empty(n), np.empty(n), np.empty(n)
     for k in range(points):
         curvature[:] = 0.0
-        pull[:] = 0.0
         index_pull[:] = 0.0
         for j in range(n):
             tau = point.tau[k, j]
@@ -168,16 +159,11 @@ def newton_model(
             factors[j] = slopes[j] / task.unit
         torque_jacobian_single(task.coupling, task.weight, point.links[k], jacobians[k])
         jacobian = jacobians[k]
-        for j in range(n):
-            for d in range(3):
-                for a in range(n):
-                    jacobian[j, d, a] /= task.unit
+        jacobian /= task.unit
         _add_torques(slopes, bends, jacobian, index_pull, curvature)
-        for d in range(3):
-            for a in range(n):
-                pull[d, a] = index_pull[d, a]
-        for j in range(n):
-            slopes[j] = bends[j] = 0.0
+        pull[:] = index_pull
+        slopes[:] = 0.0
+        bends[:] = 0.0
         for c in range(task.orders.shape[0]):
             order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[k, c]
             push, stiff = force[k, c] * inverse, stiffness[k, c] * inverse * inverse

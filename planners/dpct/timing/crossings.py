@@ -15,6 +15,9 @@ from numba import njit
 from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
+STAGE = 0.1
+"""Duration of a stage of the dynamic program, s."""
+
 CONTACT = 1000.0
 """Least price of touching a disc, s: far above that of any delay."""
 
@@ -25,7 +28,7 @@ BETWEEN = 0.005
 """Clearance, m, wanted on top of the margin for what it may fall to between the times at which it is looked at."""
 
 
-class Line(NamedTuple):
+class StraightWay(NamedTuple):
     """A straight line in joint space, and a velocity across it that is shed at a constant rate.
 
     ``q = origin + r direction - across (shed - t)^2 / (2 shed)``, without the last term from ``t = shed`` on.
@@ -55,8 +58,21 @@ class Line(NamedTuple):
     held: int
 
 
-class Scene(NamedTuple):
-    """An arm and the discs around it.
+class ArmLimits(NamedTuple):
+    """What an arm may do, and its dynamics.
+
+    Attributes:
+        table: limits of torque, velocity, acceleration and angle, ``(4, n)``.
+        coupling, weight: `Arm.chain_constants`.
+    """
+
+    table: Array
+    coupling: Array
+    weight: Array
+
+
+class PredictedDiscs(NamedTuple):
+    """An arm and the discs around it, which keep their velocities.
 
     Attributes:
         lengths, base, link_radius: of the arm, m.
@@ -74,7 +90,7 @@ class Scene(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def posture(line: Line, r: float, t: float, q: Array) -> None:
+def posture(line: StraightWay, r: float, t: float, q: Array) -> None:
     """Joint angles at place ``r``, rad, and time ``t``, s, written to ``q``, ``(n,)``."""
     left = max(0.0, line.shed - t)
     offset = 0.5 * left * left / line.shed if left > 0.0 else 0.0
@@ -83,7 +99,7 @@ def posture(line: Line, r: float, t: float, q: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def predicted_clearance(scene: Scene, q: Array, t: float) -> float:
+def predicted_clearance(scene: PredictedDiscs, q: Array, t: float) -> float:
     """Clearance of posture ``q`` from the closest disc at time ``t``, m."""
     nearest = np.inf
     for i in range(scene.discs.shape[0]):
@@ -94,7 +110,7 @@ def predicted_clearance(scene: Scene, q: Array, t: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def price(scene: Scene, clearance: float, t: float) -> float:
+def price(scene: PredictedDiscs, clearance: float, t: float) -> float:
     """What a second with this clearance costs, s; for touching `CONTACT` or more, the more the sooner."""
     wanted = scene.margin + BETWEEN
     if clearance >= wanted:
@@ -106,7 +122,9 @@ def price(scene: Scene, clearance: float, t: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def price_row(scene: Scene, line: Line, t: float, first: float, step: float, low: int, high: int, row: Array) -> None:
+def price_row(
+    scene: PredictedDiscs, line: StraightWay, t: float, first: float, step: float, low: int, high: int, row: Array
+) -> None:
     """Prices at time ``t`` of the places ``first + step * index`` for the indices from ``low`` to ``high``.
 
     Clearance changes by no more than the arm moves, so places that are sure to be clear are not looked at.
@@ -128,7 +146,7 @@ def price_row(scene: Scene, line: Line, t: float, first: float, step: float, low
 
 
 @njit(cache=True, nogil=True)
-def first_contact(scene: Scene, t: Array, q: Array) -> float:
+def first_contact(scene: PredictedDiscs, t: Array, q: Array) -> float:
     """When the postures ``q``, ``(samples, n)``, at times ``t`` first touch a disc, s; inf if they do not."""
     for sample in range(t.shape[0]):
         if t[sample] > scene.prediction:

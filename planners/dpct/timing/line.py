@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.dpct.timing.crossings import Line
+from planners.dpct.timing.crossings import STAGE, ArmLimits, StraightWay
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
@@ -37,50 +37,35 @@ PROBES = 5
 
 
 @njit(cache=True, nogil=True)
-def line_to(
-    q: Array,
-    qd: Array,
-    goal: Array,
-    limits: Array,
-    coupling: Array,
-    weight: Array,
-    stage: float,
-) -> Line:
-    """The line that leads to a goal from where the velocity across it is shed.
-
-    Args:
-        q, qd: state at time 0, ``(n,)``, rad and rad/s.
-        goal: joint angles, ``(n,)``, rad.
-        limits: of torque, velocity, acceleration and angle, ``(4, n)``.
-        coupling, weight: `Arm.chain_constants`.
-        stage: duration that shedding takes a multiple of, s.
-    """
+def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightWay:
+    """The line to a goal, ``(n,)``, rad, from the state ``q``, ``qd``, once the velocity across it is shed."""
+    velocity, acceleration = limits.table[1], limits.table[2]
     change = goal - q
     square = np.sum(change * change)
     if square > LEAST_LENGTH**2:
         way = change
         speed = float(np.sum(qd * change) / square)  # ways per second, until the line is made
         for _ in range(ROUNDS):
-            speed = _allowed_speed(speed, way, limits[1])
-            shed, gentle = _shedding(qd - speed * way, limits[2], stage)
+            speed = _allowed_speed(speed, way, velocity)
+            shed, gentle = _shedding(qd - speed * way, acceleration)
             # where all is shed, what is left of the way is: change - shed / 2 (qd - speed way)
             spared = max(0.5, 1.0 - 0.5 * speed * shed)
             way = (change - 0.5 * shed * qd) / spared
         across = qd - speed * way
-        most = limits[2] * shed * (2.0 * GENTLE if gentle else 1.0) + TINY
-        if spared > 0.5 and np.all(np.abs(across) <= most) and np.all(np.abs(speed * way) <= limits[1]):
-            return _line(q, way, speed, across, shed, gentle, True, limits, coupling, weight, stage)
-    shed, gentle = _shedding(qd, limits[2], stage)
-    return _line(q, change - 0.5 * shed * qd, 0.0, qd.copy(), shed, gentle, True, limits, coupling, weight, stage)
+        most = acceleration * shed * (2.0 * GENTLE if gentle else 1.0) + TINY
+        if spared > 0.5 and np.all(np.abs(across) <= most) and np.all(np.abs(speed * way) <= velocity):
+            return _line(q, way, speed, across, shed, gentle, True, limits)
+    shed, gentle = _shedding(qd, acceleration)
+    return _line(q, change - 0.5 * shed * qd, 0.0, qd.copy(), shed, gentle, True, limits)
 
 
 @njit(cache=True, nogil=True)
-def line_along(q: Array, qd: Array, way: Array, limits: Array, coupling: Array, weight: Array, stage: float) -> Line:
+def line_along(q: Array, qd: Array, way: Array, limits: ArmLimits) -> StraightWay:
     """The line without a goal in a direction ``way``, ``(n,)``; the other arguments are those of `line_to`."""
-    speed = _allowed_speed(np.sum(qd * way) / np.sum(way * way), way, limits[1])
+    speed = _allowed_speed(np.sum(qd * way) / np.sum(way * way), way, limits.table[1])
     across = qd - speed * way
-    shed, gentle = _shedding(across, limits[2], stage)
-    return _line(q, way, speed, across, shed, gentle, False, limits, coupling, weight, stage)
+    shed, gentle = _shedding(across, limits.table[2])
+    return _line(q, way, speed, across, shed, gentle, False, limits)
 
 
 @njit(cache=True, nogil=True)
@@ -91,13 +76,13 @@ def _allowed_speed(speed: float, way: Array, limit: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _shedding(across: Array, acceleration: Array, stage: float) -> tuple[float, bool]:
+def _shedding(across: Array, acceleration: Array) -> tuple[float, bool]:
     """How long it takes to shed a velocity, s, and whether that leaves most of the acceleration for other use."""
     least = np.max(np.abs(across) / acceleration)
-    gentle = math.ceil(least / GENTLE / stage - 1e-9)
+    gentle = math.ceil(least / GENTLE / STAGE - 1e-9)
     if gentle <= GENTLE_STAGES:
-        return gentle * stage, True
-    return math.ceil(least / stage - 1e-9) * stage, False
+        return gentle * STAGE, True
+    return math.ceil(least / STAGE - 1e-9) * STAGE, False
 
 
 @njit(cache=True, nogil=True)
@@ -109,12 +94,10 @@ def _line(
     shed: float,
     gentle: bool,
     has_goal: bool,
-    limits: Array,
-    coupling: Array,
-    weight: Array,
-    stage: float,
-) -> Line:
+    limits: ArmLimits,
+) -> StraightWay:
     """The line ``way`` long and what the limits allow on it."""
+    table = limits.table
     origin = q + 0.5 * shed * across
     length = math.sqrt(np.sum(way * way))
     if length > LEAST_LENGTH:
@@ -127,40 +110,38 @@ def _line(
         slope = abs(direction[i])
         if slope > 0.0:
             besides = abs(across[i]) if gentle and shed > 0.0 else 0.0
-            top_speed = min(top_speed, (limits[1, i] - besides) / slope)
-            acceleration = min(acceleration, (limits[2, i] - (besides / shed if besides > 0.0 else 0.0)) / slope)
+            top_speed = min(top_speed, (table[1, i] - besides) / slope)
+            acceleration = min(acceleration, (table[2, i] - (besides / shed if besides > 0.0 else 0.0)) / slope)
             to_zero = -origin[i] / direction[i]
-            low, high = max(low, to_zero - limits[3, i] / slope), min(high, to_zero + limits[3, i] / slope)
-    acceleration = min(acceleration, _most_acceleration(origin, direction, length, limits[0], coupling, weight))
+            low, high = max(low, to_zero - table[3, i] / slope), min(high, to_zero + table[3, i] / slope)
+    acceleration = min(acceleration, _most_acceleration(origin, direction, length, limits))
     if acceleration <= 0.0 or top_speed <= 0.0:
         low = high = np.nan
     acceleration, top_speed = max(acceleration, TINY), max(top_speed, TINY)
     speed *= length
     goal = length if has_goal else np.nan
-    held = 0 if gentle else round(shed / stage)
-    stop = speed * (held * stage + 0.5 * abs(speed) / acceleration)
+    held = 0 if gentle else round(shed / STAGE)
+    stop = speed * (held * STAGE + 0.5 * abs(speed) / acceleration)
     if not np.isnan(low):
         low, high = min(low, stop) - TINY, max(high, stop) + TINY
     for i in range(q.shape[0]):
         # a start at the edge of a range, or beyond it, is no reason not to move, but going further out is
-        if abs(origin[i] + stop * direction[i]) > max(limits[3, i], abs(q[i])) + SLACK:
+        if abs(origin[i] + stop * direction[i]) > max(table[3, i], abs(q[i])) + SLACK:
             low = high = np.nan
-    return Line(origin, direction, across, shed, speed, top_speed, acceleration, low, high, goal, held)
+    return StraightWay(origin, direction, across, shed, speed, top_speed, acceleration, low, high, goal, held)
 
 
 @njit(cache=True, nogil=True)
-def _most_acceleration(
-    origin: Array, direction: Array, length: float, torque: Array, coupling: Array, weight: Array
-) -> float:
+def _most_acceleration(origin: Array, direction: Array, length: float, limits: ArmLimits) -> float:
     """What the torque limits leave for accelerating along the line from rest, rad/s^2."""
     n = origin.shape[0]
     still, moved, held, weightless = np.zeros(n), np.empty(n), np.empty(n), np.zeros(n)
     most = np.inf
     for probe in range(PROBES):
         q = origin + length * probe / (PROBES - 1) * direction
-        inverse_dynamics_single(coupling, weight, q, still, still, held)
-        inverse_dynamics_single(coupling, weightless, q, still, direction, moved)
+        inverse_dynamics_single(limits.coupling, limits.weight, q, still, still, held)
+        inverse_dynamics_single(limits.coupling, weightless, q, still, direction, moved)
         for i in range(n):
             if moved[i] != 0.0:
-                most = min(most, (torque[i] - abs(held[i])) / abs(moved[i]))
+                most = min(most, (limits.table[0, i] - abs(held[i])) / abs(moved[i]))
     return most

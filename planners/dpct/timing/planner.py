@@ -20,9 +20,9 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from planners.dpct.timing.crossings import Line, Scene, first_contact
+from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightWay, first_contact
 from planners.dpct.timing.line import line_to
-from planners.dpct.timing.search import STAGE, best_timing, time_from_rest
+from planners.dpct.timing.search import best_timing, time_from_rest
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
@@ -104,15 +104,17 @@ def plan_timing(
 class _Leg(NamedTuple):
     """A motion on a line: how long each stretch of constant acceleration lasts, s, and that, rad/s^2, ``(k, 2)``."""
 
-    line: Line
+    line: StraightWay
     stretches: Array
 
 
-def _scene(problem: MotionProblem, margin: float, prediction: float) -> Scene:
+def _scene(problem: MotionProblem, margin: float, prediction: float) -> PredictedDiscs:
     """The arm and the discs of a problem."""
     arm = problem.arm
     discs = [[*disc.position, *disc.velocity, disc.radius] for disc in problem.obstacles]
-    return Scene(arm.length_array, arm.base_array, arm.link_radius, np.array(discs).reshape(-1, 5), margin, prediction)
+    return PredictedDiscs(
+        arm.length_array, arm.base_array, arm.link_radius, np.array(discs).reshape(-1, 5), margin, prediction
+    )
 
 
 @lru_cache(maxsize=8)
@@ -123,11 +125,11 @@ def _asides(n: int) -> Array:
     return np.array([*axes, *pairs])
 
 
-def _plan_legs(problem: MotionProblem, scene: Scene, goals: Array, limits: Array) -> tuple[float, list[_Leg]]:
+def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limits: Array) -> tuple[float, list[_Leg]]:
     """The best timing: one leg to the target, or one aside and one from there."""
     q, qd, _ = problem.start
-    chain = problem.loaded_arm.chain_constants
-    cost, line, unit, controls = best_timing(scene, q, qd, goals, _asides(len(q)), limits, *chain)
+    bounds = ArmLimits(limits, *problem.loaded_arm.chain_constants)
+    cost, line, unit, controls = best_timing(scene, q, qd, goals, _asides(len(q)), bounds)
     if not np.isfinite(cost):
         raise Infeasible(
             "limits",
@@ -143,17 +145,17 @@ def _plan_legs(problem: MotionProblem, scene: Scene, goals: Array, limits: Array
     stretches.append((abs(v) / line.acceleration, -math.copysign(line.acceleration, v)))
     stop = line.origin + (r + 0.5 * v * abs(v) / line.acceleration) * line.direction
     times = [time_from_rest(stop, goal[None], limits) for goal in goals]
-    last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], limits, *chain, STAGE)
+    last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], bounds)
     return cost, [_leg(line, stretches), _leg(last, _to_rest(last, last.goal, 0.0))]
 
 
-def _leg(line: Line, stretches: list[tuple[float, float]]) -> _Leg:
+def _leg(line: StraightWay, stretches: list[tuple[float, float]]) -> _Leg:
     """A leg that ends at rest: not before the velocity across its line is shed, however short the way."""
     wait = line.shed - sum(duration for duration, _ in stretches)
     return _Leg(line, np.array([*stretches, (wait, 0.0)] if wait > 0.0 else stretches))
 
 
-def _to_rest(line: Line, distance: float, speed: float) -> list[tuple[float, float]]:
+def _to_rest(line: StraightWay, distance: float, speed: float) -> list[tuple[float, float]]:
     """Stretches of the fastest motion to rest."""
     profile = np.empty(4)
     fill_profile(distance, speed, line.top_speed, line.acceleration, 0.0, profile)
@@ -211,7 +213,7 @@ def _sample(leg: _Leg) -> tuple[Array, Array, Array, Array]:
     return t, q, qd, qdd
 
 
-def _check_clearance(problem: MotionProblem, scene: Scene, trajectory: Trajectory, contact: Contact) -> None:
+def _check_clearance(problem: MotionProblem, scene: PredictedDiscs, trajectory: Trajectory, contact: Contact) -> None:
     """Refuse a motion that is predicted to touch a disc."""
     time = first_contact(scene, trajectory.t, trajectory.q)
     if contact == "refuse" and math.isfinite(time):

@@ -13,13 +13,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.dpct.timing.crossings import CONTACT, Line, Scene, posture, predicted_clearance, price, price_row
+from planners.dpct.timing.crossings import (
+    CONTACT,
+    STAGE,
+    ArmLimits,
+    PredictedDiscs,
+    StraightWay,
+    posture,
+    predicted_clearance,
+    price,
+    price_row,
+)
 from planners.dpct.timing.line import line_along, line_to
 from planners.motion.double_integrator import along_profile, fill_profile, rest_time
 from planners.typing import Array
-
-STAGE = 0.1
-"""Duration of a stage, s."""
 
 LEAST_SPEEDS = 2
 """Speeds of the lattice between rest and the top speed, at least."""
@@ -52,8 +59,8 @@ class Lattice(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def best_timing(
-    scene: Scene, q: Array, qd: Array, goals: Array, asides: Array, limits: Array, coupling: Array, weight: Array
-) -> tuple[float, Line, float, Array]:
+    scene: PredictedDiscs, q: Array, qd: Array, goals: Array, asides: Array, limits: ArmLimits
+) -> tuple[float, StraightWay, float, Array]:
     """The best timing of all on the straight lines to the goals and, if a disc is in their way, on lines aside.
 
     Args:
@@ -61,31 +68,28 @@ def best_timing(
         q, qd: state at time 0, ``(n,)``, rad and rad/s.
         goals: postures to go to, ``(goals, n)``, rad.
         asides: directions of the lines aside, ``(lines, n)``.
-        limits: of torque, velocity, acceleration and angle, ``(4, n)``.
-        coupling, weight: `Arm.chain_constants`.
+        limits: of the arm.
 
     Returns:
         Its cost, its line, and the two other results of `search`; a cost of inf if there is none at all.
     """
-    best_line = line_to(q, qd, goals[0], limits, coupling, weight, STAGE)
+    best_line = line_to(q, qd, goals[0], limits)
     best, unit, controls = np.inf, 0.0, np.zeros(0)
-    for i in range(goals.shape[0]):
-        line = line_to(q, qd, goals[i], limits, coupling, weight, STAGE)
-        cost, its_unit, its_controls = search(scene, line, goals, limits, best)
-        if cost < best:
-            best, best_line, unit, controls = cost, line, its_unit, its_controls
-    if len(controls) <= best_line.held and best < np.inf:
-        return best, best_line, unit, controls
-    for i in range(asides.shape[0]):
-        line = line_along(q, qd, asides[i], limits, coupling, weight, STAGE)
-        cost, its_unit, its_controls = search(scene, line, goals, limits, best)
+    count = goals.shape[0]
+    for i in range(count + asides.shape[0]):
+        if i == count and len(controls) <= best_line.held and best < np.inf:
+            break  # no disc is in the way
+        line = line_to(q, qd, goals[i], limits) if i < count else line_along(q, qd, asides[i - count], limits)
+        cost, its_unit, its_controls = search(scene, line, goals, limits.table, best)
         if cost < best:
             best, best_line, unit, controls = cost, line, its_unit, its_controls
     return best, best_line, unit, controls
 
 
 @njit(cache=True, nogil=True)
-def search(scene: Scene, line: Line, goals: Array, limits: Array, bound: float) -> tuple[float, float, Array]:
+def search(
+    scene: PredictedDiscs, line: StraightWay, goals: Array, limits: Array, bound: float
+) -> tuple[float, float, Array]:
     """The best timing on a line.
 
     Args:
@@ -126,7 +130,7 @@ def search(scene: Scene, line: Line, goals: Array, limits: Array, bound: float) 
 
 
 @njit(cache=True, nogil=True)
-def _lattice(scene: Scene, line: Line) -> Lattice:
+def _lattice(scene: PredictedDiscs, line: StraightWay) -> Lattice:
     """The lattice of a line: coarser than its acceleration allows if that would leave too few speeds."""
     stages = max(line.held + 1, math.ceil(scene.prediction / STAGE - EDGE))
     rise = min(line.acceleration * STAGE, line.top_speed / LEAST_SPEEDS)
@@ -138,7 +142,7 @@ def _lattice(scene: Scene, line: Line) -> Lattice:
 
 
 @njit(cache=True, nogil=True)
-def _forward(scene: Scene, line: Line, lattice: Lattice, came: NDArray[np.int8]) -> Array:
+def _forward(scene: PredictedDiscs, line: StraightWay, lattice: Lattice, came: NDArray[np.int8]) -> Array:
     """Least cost of every state of the last stage, ``(places, speeds)``; ``came`` gets the accelerations on the way.
 
     A timing that touches a disc pays for the first time only: what follows makes no difference.
@@ -198,7 +202,7 @@ def _price_of_stage(before: float, middle: float, end: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _best_end(line: Line, lattice: Lattice, value: Array, goals: Array, limits: Array) -> tuple[float, int, int]:
+def _best_end(line: StraightWay, lattice: Lattice, value: Array, goals: Array, limits: Array) -> tuple[float, int, int]:
     """Least cost with what remains from the last stage on, and the p and j of that state."""
     q = np.empty(line.origin.shape[0])
     best, best_p, best_j = np.inf, 0, 0
@@ -247,7 +251,7 @@ def _trace_back(lattice: Lattice, came: NDArray[np.int8], p: int, j: int) -> Arr
 
 @njit(cache=True, nogil=True)
 def _leave_early(
-    scene: Scene, line: Line, lattice: Lattice, controls: Array, cost: float
+    scene: PredictedDiscs, line: StraightWay, lattice: Lattice, controls: Array, cost: float
 ) -> tuple[float, float, Array]:
     """The timing, left for the fastest way to the goal at the stage where that costs least."""
     q = np.empty(line.origin.shape[0])
@@ -274,7 +278,7 @@ def _leave_early(
 
 
 @njit(cache=True, nogil=True)
-def _price_of_holding(scene: Scene, line: Line) -> float:
+def _price_of_holding(scene: PredictedDiscs, line: StraightWay) -> float:
     """Price of the stages in which the speed stays as it is."""
     q = np.empty(line.origin.shape[0])
     total = 0.0
@@ -286,7 +290,7 @@ def _price_of_holding(scene: Scene, line: Line) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _price_of_rest(scene: Scene, line: Line, r: float, v: float, start: float) -> float:
+def _price_of_rest(scene: PredictedDiscs, line: StraightWay, r: float, v: float, start: float) -> float:
     """Price of the fastest way to rest at the goal from place ``r`` and speed ``v`` at time ``start``."""
     q, profile = np.empty(line.origin.shape[0]), np.empty(4)
     fill_profile(line.goal - r, v, line.top_speed, line.acceleration, 0.0, profile)
