@@ -1,19 +1,17 @@
 """Search for the gains of the field that dodges discs: ``python -m tools.tune_apf``.
 
-The search (differential evolution, R. Storn and K. Price, 1997) runs the environment itself, on seeds far from those of
-the benchmark. Only seeds count that are not trivial: those on which the expert that goes straight to the goal fails.
-Every candidate meets the same ones. Ctrl-C ends the search and keeps the best gains so far.
-
-The best of many is partly the luckiest on those seeds: it is stored only if it is better on other seeds, too.
+Differential evolution (R. Storn and K. Price, 1997) on the environment itself, with seeds far from the benchmark's. It
+uses only the seeds on which the expert that moves straight to the goal fails, the same ones for every candidate. The
+best of many candidates is partly the luckiest on its seeds, so it is stored only if it is better on other seeds, too.
+Ctrl-C ends the search and keeps the best gains so far.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,6 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from scipy.optimize import Bounds, differential_evolution
 
 from agents.evaluation.evaluate import Evaluation, evaluate
@@ -35,16 +32,16 @@ from planners.typing import Array
 ENV_ID = "ObstacleDodge-v0"
 
 FIRST_SEED, FIRST_TO_CONFIRM = 100_000, 500_000
-"""The benchmark's seeds are those from 0."""
+"""The benchmark's seeds start at 0."""
 
 COLLISION = 1.3
-"""What a collision counts, in failures by time."""
+"""Weight of a collision, in late arrivals."""
 
 SPREAD = 1.5
-"""The search stays within this factor of the gains that it begins with."""
+"""The search stays within this factor of the gains it starts from."""
 
 FIXED = ("nearest", "farthest", "success")
-"""Not searched for: what is known of the workspace, and a worth that only has to be positive."""
+"""Not searched: properties of the workspace, and a worth that only has to be positive."""
 
 MOST = {"evade": 1.0, "horizon": 2.5}
 """Upper bounds of some gains."""
@@ -55,11 +52,11 @@ class TuneOptions:
     """Search for better gains than the stored ones, and store them if there are any."""
 
     seeds: int = 4000
-    """How many seeds are drawn, from 100000; the trivial ones among them are left out."""
+    """How many seeds are drawn, from 100000; those on which moving straight succeeds are left out."""
     generations: int = 20
-    """Of the search; each tries ``population`` candidates."""
+    """Of the search; each evaluates ``population`` candidates."""
     confirm: int = 4000
-    """How many other seeds, from 500000, have to agree that the gains found are better."""
+    """How many other seeds, from 500000, must confirm that the gains are better."""
     population: int = 24
     """Number of candidates."""
     seed: int = 0
@@ -68,42 +65,23 @@ class TuneOptions:
     """Where to store the gains and how they were found."""
 
 
-@dataclass
 class Search:
-    """The best so far.
+    """The best gains so far, ``gains``, their ``score``, and the number of candidates ``tried``."""
 
-    Attributes:
-        start: the gains that the search begins with.
-        seeds: those that are not trivial.
-        gains: the best so far.
-        score: theirs; see `score`.
-        tried: how many have been evaluated.
-    """
-
-    start: DodgeGains
-    seeds: NDArray[np.int64]
-    gains: DodgeGains = field(init=False)
-    score: float = math.inf
-    tried: int = 0
-
-    def __post_init__(self) -> None:
-        self.gains = self.start
-
-    @property
-    def names(self) -> list[str]:
-        """Of the gains that are searched for."""
-        return [name for name in asdict(self.start) if name not in FIXED]
+    def __init__(self, start: DodgeGains, seeds: NDArray[np.int64]) -> None:
+        self.start = self.gains = start
+        self.seeds, self.score, self.tried = seeds, math.inf, 0
+        self.names = [name for name in asdict(start) if name not in FIXED]
 
     def candidate(self, exponents: Array) -> DodgeGains:
-        """The gains that differ from the first ones by factors ``SPREAD ** exponent``."""
-        now = asdict(self.start)
-        factors = zip(self.names, SPREAD**exponents, strict=True)
-        return replace(
-            self.start, **{name: min(MOST.get(name, math.inf), now[name] * factor) for name, factor in factors}
-        )
+        """The gains that differ from those at the start by factors ``SPREAD ** exponent``."""
+        changed = {}
+        for name, factor in zip(self.names, SPREAD**exponents, strict=True):
+            changed[name] = min(MOST.get(name, math.inf), getattr(self.start, name) * factor)
+        return replace(self.start, **changed)
 
     def cost(self, exponents: Array) -> float:
-        """What is minimised; remembers the best."""
+        """The score of a candidate, to be minimised; keeps the best."""
         gains = self.candidate(exponents)
         value = score(run_field(gains, self.seeds))
         self.tried += 1
@@ -113,53 +91,61 @@ class Search:
 
 
 def main(options: TuneOptions) -> None:
-    """Search, with a progress bar, and store."""
+    """Search, and store what other seeds confirm."""
     console = Console(stderr=True)
     drawn = np.arange(FIRST_SEED, FIRST_SEED + options.seeds)
     search = Search(tuned_gains(), drawn[~evaluate("follower", ENV_ID, drawn).success])
-    begun_with = score(run_field(search.start, search.seeds))
-    console.print(f"{len(search.seeds)} of {options.seeds} seeds are not trivial; the gains score {begun_with}")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("candidates", total=options.population * (options.generations + 1))
-
-        def tell(exponents: Array) -> float:
-            value = search.cost(exponents)
-            progress.update(task, advance=1, description=f"best {search.score:g}")
-            return value
-
-        try:
-            _evolve(tell, len(search.names), options)
-        except KeyboardInterrupt:
-            console.print("stopped; the best so far is kept")
+    before = score(run_field(search.start, search.seeds))
+    console.print(f"{len(search.seeds)} of {options.seeds} seeds are not trivial; the stored gains score {before}")
+    try:
+        _evolve(search, options, console)
+    except KeyboardInterrupt:
+        console.print("stopped; the best so far is kept")
     others = np.arange(FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm)
-    confirmed = {
-        name: score(run_field(gains, others)) for name, gains in (("of", search.gains), ("before", search.start))
+    confirmed, confirmed_before = (score(run_field(gains, others)) for gains in (search.gains, search.start))
+    console.print(f"score {confirmed} on other seeds, {confirmed_before} with the stored gains")
+    if confirmed >= confirmed_before:
+        console.print("not better: nothing is stored")
+        return
+    recipe = {
+        "command": "python -m tools.tune_apf",
+        "seeds": [FIRST_SEED, FIRST_SEED + options.seeds - 1],
+        "not_trivial": len(search.seeds),
+        "generations": options.generations,
+        "population": options.population,
+        "seed": options.seed,
+        "tried": search.tried,
+        "collision_counts": COLLISION,
+        "score": search.score,
+        "confirmed_on": [FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm - 1],
+        "confirmed_score": confirmed,
+        "confirmed_score_before": confirmed_before,
+        "versions": versions(),
     }
-    if confirmed["of"] < confirmed["before"]:
-        write_json(options.out, document(search, options, confirmed))
-        console.print(
-            f"score {confirmed['of']} instead of {confirmed['before']} on other seeds: stored in {options.out}"
-        )
-    else:
-        console.print("no gains were found that are better on other seeds; nothing is stored")
+    write_json(options.out, {"recipe": recipe, "gains": asdict(search.gains)})
+    console.print(f"stored in {options.out}")
 
 
-def _evolve(cost: Callable[[Array], float], dimensions: int, options: TuneOptions) -> None:
-    """Differential evolution over the exponents in [-1, 1], from a population around 0."""
-    generator = np.random.default_rng(options.seed)
+def _evolve(search: Search, options: TuneOptions, console: Console) -> None:
+    """Differential evolution over exponents in [-1, 1], from a population around 0."""
+    generator, dimensions = np.random.default_rng(options.seed), len(search.names)
     first = np.clip(0.4 * generator.standard_normal((options.population, dimensions)), -1.0, 1.0)
     first[0] = 0.0
+
+    def report(best: Array, convergence: float) -> None:
+        console.print(f"{search.tried} candidates, best score {search.score:g}")
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it has not converged
         differential_evolution(
-            cost,
+            search.cost,
             Bounds(-np.ones(dimensions), np.ones(dimensions)),
             init=first,
             maxiter=options.generations,
             rng=generator,
             polish=False,
             tol=0.0,
+            callback=report,
         )
 
 
@@ -171,32 +157,10 @@ def run_field(gains: DodgeGains, seeds: NDArray[np.int64]) -> Evaluation:
 
 
 def score(evaluation: Evaluation) -> float:
-    """Failures, collisions counted a little more: the less, the better."""
+    """Number of failures, with collisions weighted by `COLLISION`: the less, the better."""
     collisions = evaluation.metrics["collision"].astype(bool)
     late = ~evaluation.success & ~collisions
     return float(late.sum() + COLLISION * collisions.sum())
-
-
-def document(search: Search, options: TuneOptions, confirmed: Mapping[str, float]) -> Mapping[str, Any]:
-    """What the file holds."""
-    return {
-        "recipe": {
-            "command": "python -m tools.tune_apf",
-            "seeds": [FIRST_SEED, FIRST_SEED + options.seeds - 1],
-            "not_trivial": len(search.seeds),
-            "generations": options.generations,
-            "population": options.population,
-            "seed": options.seed,
-            "tried": search.tried,
-            "collision_counts": COLLISION,
-            "score": search.score,
-            "confirmed_on": [FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm - 1],
-            "confirmed_score": confirmed["of"],
-            "confirmed_score_before": confirmed["before"],
-            "versions": versions(),
-        },
-        "gains": asdict(search.gains),
-    }
 
 
 if __name__ == "__main__":

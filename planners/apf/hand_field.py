@@ -18,7 +18,6 @@ from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
 from planners.apf.khatib import Gains, gradient_single, make_gains
-from planners.robot.kinematics import hand_state_single
 from planners.typing import Array
 
 Distance = Literal["table", "static"]
@@ -118,34 +117,3 @@ def hand_velocity_single(
     gradient_single(field.gains, hand, goal, positions, radii, shifts, velocity)
     velocity[0] = -velocity[0]
     velocity[1] = -velocity[1]
-
-
-@njit(cache=True, nogil=True)
-def hand_rates(
-    lengths: Array,
-    base: Array,
-    field: HandField,
-    q: Array,
-    qd: Array,
-    goals: Array,
-    positions: Array,
-    velocities: Array,
-    radii: Array,
-) -> Array:
-    """Joint velocities of the field for a batch of arms, ``(batch, 2)``, rad/s.
-
-    Args:
-        lengths, base: of the two-link arm, each ``(2,)``, m.
-        field: of :func:`make_field`.
-        q, qd: joint angles and velocities, ``(batch, 2)``.
-        goals, positions, velocities, radii: as for :func:`hand_velocity_single`, with a batch axis first.
-    """
-    rates = np.empty_like(q)
-    hand, hand_velocity, velocity = np.empty(2), np.empty(2), np.empty(2)
-    for row in range(q.shape[0]):
-        hand_state_single(lengths, base, q[row], qd[row], hand, hand_velocity)
-        hand_velocity_single(
-            field, hand, hand_velocity, goals[row], positions[row], velocities[row], radii[row], velocity
-        )
-        joint_rates_single(lengths, q[row], velocity, rates[row])
-    return rates

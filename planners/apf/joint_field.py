@@ -1,17 +1,16 @@
-"""A field in joint space that is at its goal, at rest, exactly when the time is over.
+"""A field in joint space that brings the joints to rest at the goal in a given time.
 
-Its well steepens as time runs out. With the error ``e = goal - q`` and the time left ``tau``
+The well steepens as time runs out. With the error ``e = goal - q`` and the remaining time ``tau``
 
     q'' = 6 e / tau^2 - 4 q' / tau,
 
 the force of the well ``U = 3 e^2 / tau^2`` and a damping of ``4 / tau``, moves every joint along the cubic that reaches
-rest at the goal in time with the least integral of ``q''^2``. From rest that is a parabola of velocity; the least
-torque, summed as absolute values, is asked by a motion that gets up to speed at once, coasts, and brakes late. So the
-well is only for braking. Before, the joints are driven to the velocity ``v = e / (tau - t_b / 3)`` at which they can
-coast until the time ``t_b`` that braking takes is left: then ``e = 2/3 v tau``, where the well's force is zero, and
-from there it grows linearly to ``2 v / t_b`` at the goal, as large as the torques in the goal's posture allow.
-This is the velocity servo of O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986),
-eq 15 to 17, whose largest velocity is not a constant but what the time left demands.
+rest at the goal in time with the least integral of ``q''^2``. A motion with the least sum of absolute torques
+accelerates at once, coasts, and brakes late, so the well is only used for braking. Before, the joints are driven to
+the velocity ``v = e / (tau - t_b / 3)`` and coast until the braking time ``t_b`` is left. Then ``e = 2/3 v tau``, where
+the well's force is zero; from there it grows linearly to ``2 v / t_b`` at the goal, as large as the torques in the
+goal's posture allow. This is the velocity servo of O. Khatib, "Real-time obstacle avoidance for manipulators and mobile
+robots" (1986), eq 15 to 17, with a largest velocity that follows from the remaining time.
 """
 
 from __future__ import annotations
@@ -31,26 +30,26 @@ BRAKING_SHARE = 0.9
 """Share of the torque limits that braking is planned with; the rest is for centrifugal torques and disturbances."""
 
 TORQUE_SHARE = 0.999
-"""Share of the torque limits that is used; held torques half a period ahead are a prediction."""
+"""Share of the torque limits that is used: held torques half a period ahead are a prediction."""
 
 _LEAST_BRAKING = 4.0
-"""Periods that braking takes at least, so that it is a motion even for limits that are hardly felt."""
+"""Least number of periods for braking, for limits that hardly matter."""
 
 _PASSES = 4
 
 _LEAST_ROOM = 0.1
-"""Share of a torque limit that braking counts on, however much of it the weight takes."""
+"""Least share of a torque limit that braking counts on, however much of it gravity takes."""
 
 
 def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, period: float) -> Array:
     """Joint accelerations of the field.
 
     Args:
-        arm: with any number of links. Its joint ranges are kept by moves from rest within them, which are straight
-            lines in joint space as long as the torques suffice.
+        arm: with any number of links. Its joint ranges are kept by moves from rest between angles within them, which
+            are straight lines in joint space as long as the torques suffice.
         q, qd: joint angles and velocities, ``(batch, n)``.
         goal: joint angles to reach, ``(batch, n)``, rad.
-        time_left: until the joints shall rest there, a number or ``(batch,)``, s; counted in whole periods.
+        time_left: a number or ``(batch,)``, s; rounded to whole periods.
         period: control period, s.
 
     Returns:
@@ -79,7 +78,7 @@ def least_acceleration(error: float, speed: float, periods: float, period: float
     Args:
         error: from the angle to the goal, e, rad.
         speed: qd, rad/s.
-        periods: N; with a single one left all that can be done is to stop.
+        periods: N; with a single one left the joint can only stop.
         period: T, s.
     """
     if periods < 1.5:
@@ -116,10 +115,10 @@ def _reach(
 
 @njit(cache=True, nogil=True)
 def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
-    """How long braking takes, s, if its last torques, those at the goal, are what the limits leave beside the weight.
+    """Braking time t_b, s, for which the last torques, at the goal, are what the limits leave beside gravity's.
 
     The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
-    the least k, s^2, for which the torques of ``e / k`` can be had. Infinite if there is no solution.
+    the least k, s^2, for which the torques of ``e / k`` are within the limits. Infinite if there is no solution.
     """
     n = q.shape[0]
     still, held, inertial = np.zeros(n), np.empty(n), np.empty(n)

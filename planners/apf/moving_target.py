@@ -1,9 +1,9 @@
-"""Attraction of the hand to a moving target, within everything that the joints may do.
+"""Attraction of the hand to a moving target within all limits of the joints.
 
-The hand is seen from the target, along the target's way and across it, so that the target's velocity and acceleration
-are feed-forward. Across, the field is linear; along the way it is `planners.apf.attraction`, within the accelerations
-``s`` that the joints allow: joint accelerations and torques are affine in ``s``, so every limit of theirs is an
-interval of ``s``.
+The hand is described relative to the target, along the target's path and across it, so that the target's velocity and
+acceleration are feed-forward. Across the path the field is linear. Along it the field is `planners.apf.attraction`
+within the accelerations ``s`` that the joints allow: joint accelerations and torques are affine in ``s``, so that each
+of their limits is an interval of ``s``.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from planners.apf.attraction import attraction, linear_field
 from planners.control.joint_limits import project_off_limit, smooth_bounds, worst_excess
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
-from planners.robot.kinematics import two_link_branch
+from planners.robot.kinematics import hand_state_single, two_link_branch
 from planners.typing import Array
 
 BANDWIDTH = 0.24
 """Natural frequency of the linear field times the control period."""
 
 RESERVE = 0.95
-"""Share of acceleration and jerk that braking counts on: the posture changes on the way."""
+"""Share of acceleration and jerk that braking counts on: the posture changes meanwhile."""
 
 TORQUE_SHARE = 0.999
 """Share of the torque limits that is used: the dynamics half a period ahead are a prediction."""
 
 LOOK_AHEAD = 1.0
-"""How far ahead the place of the meeting is predicted at most, s."""
+"""Longest time for which the place of the meeting is predicted, s."""
+
+_WEAKEST = 1e-3
+"""Least acceleration that braking counts on, where the limits do not even allow to follow the target, m/s^2."""
 
 _PROJECTIONS = 40
 
-
 _Pair = tuple[float, float]
-_Links = tuple[float, float, float, float]
-"""Both links as vectors: x and y of the first, x and y of the second, m."""
 
 
-class _Model(NamedTuple):
+class _ArmModel(NamedTuple):
     """The arm for compiled code; ``torque`` to ``jerk`` are limits, ``(2,)``."""
 
     coupling: Array
@@ -62,7 +62,7 @@ class _Target(NamedTuple):
 
 
 class _Response(NamedTuple):
-    """Joint accelerations ``still + slope s``, and the torques ``bias + mass (still + slope s)`` they need."""
+    """Joint accelerations ``still + slope s``, and the torques ``bias + mass (still + slope s)`` that they need."""
 
     still: _Pair
     slope: _Pair
@@ -80,18 +80,18 @@ def approach(
     bandwidth: float | None = None,
     limits: JointLimits | None = None,
 ) -> Array:
-    """Joint accelerations that the field asks for.
+    """Joint accelerations of the field.
 
     Args:
         arm: with two links.
         q, qd: joint angles and velocities, ``(batch, 2)``.
-        qdd: mean joint accelerations of the last control period, ``(batch, 2)``: what jerk is counted from. Better
-            those that were asked for than those that were measured: with an unknown payload the two differ, and counted
-            from what has fallen short the field cannot build up its force.
+        qdd: mean joint accelerations of the last control period, ``(batch, 2)``, from which the jerk is counted.
+            Commanded ones are better than measured ones: with an unknown payload the measured ones fall short, and the
+            field could not build up its force from them.
         target: position, velocity and acceleration of the target, each ``(batch, 2)``, m, m/s, m/s^2.
         period: control period, s.
         bandwidth: natural frequency of the field close to the target, rad/s; `BANDWIDTH` / period by default.
-        limits: what the joints may do; the arm's own by default. Joint ranges are not looked at.
+        limits: of the joints, except for their ranges; the arm's own by default.
 
     Returns:
         Mean joint accelerations over the next period, ``(batch, 2)``, rad/s^2. They are always within `smooth_bounds`,
@@ -105,50 +105,45 @@ def approach(
     bandwidth = BANDWIDTH / period if bandwidth is None and period > 0.0 else bandwidth
     if not (period > 0.0 and bandwidth is not None and bandwidth > 0.0):
         raise ValueError(f"period {period} s and bandwidth {bandwidth} rad/s must be positive")
-    allowed = limits or arm.limits
-    model = _Model(
-        *arm.chain_constants,
-        arm.length_array,
-        TORQUE_SHARE * np.array(allowed.torque),
-        np.array(allowed.velocity),
-        np.array(allowed.acceleration),
-        np.array(allowed.jerk),
-    )
-    q, qd, qdd, position, velocity, acceleration = (
+    limits = limits or arm.limits
+    torque, *others = (np.array(getattr(limits, kind)) for kind in ("torque", "velocity", "acceleration", "jerk"))
+    model = _ArmModel(*arm.chain_constants, arm.length_array, TORQUE_SHARE * torque, *others)
+    q, qd, qdd, *motion = (
         np.ascontiguousarray(array, dtype=float) for array in (q, qd, qdd, target[0] - arm.base_array, *target[1:])
     )
     out = np.empty_like(q)
-    _approach(model, q, qd, qdd, _Target(position, velocity, acceleration), period, bandwidth, out)
+    _approach(model, q, qd, qdd, _Target(*motion), period, bandwidth, out)
     return out
 
 
 @njit(cache=True, nogil=True)
 def _approach(
-    model: _Model, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
+    model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
     for row in range(q.shape[0]):
-        seen = _Target(target.position[row], target.velocity[row], target.acceleration[row])
-        _approach_single(model, q[row], qd[row], qdd[row], seen, period, bandwidth, out[row])
+        now = _Target(target.position[row], target.velocity[row], target.acceleration[row])
+        _approach_single(model, q[row], qd[row], qdd[row], now, period, bandwidth, out[row])
 
 
 @njit(cache=True, nogil=True)
 def _approach_single(
-    model: _Model, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
+    model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
+    # Bounds of the joint accelerations.
     lower, upper = np.empty(2), np.empty(2)
     for i in range(2):
         lower[i], upper[i] = smooth_bounds(
             qd[i], qdd[i], period, model.velocity[i], model.acceleration[i], model.jerk[i]
         )
-    way = _direction(target)
-    x, v, y, vy = _seen_from_target(model, q, qd, target, way)
+    # Across the path the linear field decides; along it, what the limits allow now and where the hand will meet it.
+    along = _direction(target)
+    x, v, y, vy = _relative_to_target(model, q, qd, target, along)
     vy += period * linear_field(y, vy, period, bandwidth)
-    now = _response_now(model, q, qd, qdd, target, way, v, vy, period)
-    lowest, highest = _room(now, lower, upper, model.torque)
+    now = _response_now(model, q, qd, qdd, target, along, v, vy, period)
+    lowest, highest = _interval(now, lower, upper, model.torque)
     if lowest > highest:
         lowest = highest = 0.5 * (lowest + highest)
-    later = _response_at_meeting(model, q, target, way, x, v)
-    braking, jerk = _braking(model, now, later)
+    braking, jerk = _braking(model, now, _response_at_meeting(model, q, target, along, x, v))
     s = attraction(x, v, (lowest, highest), braking, jerk, period, bandwidth)
     for i in range(2):
         out[i] = min(upper[i], max(lower[i], now.still[i] + now.slope[i] * s))
@@ -157,7 +152,7 @@ def _approach_single(
 
 @njit(cache=True, nogil=True)
 def _direction(target: _Target) -> _Pair:
-    """Unit vector of the target's way; any will do for a target at rest."""
+    """Unit vector along the target's path; an arbitrary one for a target at rest."""
     speed = math.hypot(target.velocity[0], target.velocity[1])
     if speed < 1e-9:
         return 1.0, 0.0
@@ -165,32 +160,33 @@ def _direction(target: _Target) -> _Pair:
 
 
 @njit(cache=True, nogil=True)
-def _seen_from_target(
-    model: _Model, q: Array, qd: Array, target: _Target, way: _Pair
+def _relative_to_target(
+    model: _ArmModel, q: Array, qd: Array, target: _Target, along: _Pair
 ) -> tuple[float, float, float, float]:
-    """The hand relative to the target: position and velocity along its way, then both across it."""
-    links = _links(model.lengths, q[0], q[1])
-    vx, vy = _hand_velocity(links, qd[0], qd[1])
-    vx, vy = vx - target.velocity[0], vy - target.velocity[1]
-    x, y = links[0] + links[2] - target.position[0], links[1] + links[3] - target.position[1]
-    ux, uy = way
+    """The hand relative to the target: position and velocity along its path, then both across it."""
+    hand, velocity = np.empty(2), np.empty(2)
+    hand_state_single(model.lengths, np.zeros(2), q, qd, hand, velocity)
+    x, y = hand[0] - target.position[0], hand[1] - target.position[1]
+    vx, vy = velocity[0] - target.velocity[0], velocity[1] - target.velocity[1]
+    ux, uy = along
     return ux * x + uy * y, ux * vx + uy * vy, ux * y - uy * x, ux * vy - uy * vx
 
 
 @njit(cache=True, nogil=True)
 def _response_now(
-    model: _Model, q: Array, qd: Array, qdd: Array, target: _Target, way: _Pair, v: float, vy: float, period: float
+    model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, along: _Pair, v: float, vy: float, period: float
 ) -> _Response:
-    """The next period, for a hand that has the velocity ``v`` along the way and ``vy`` across it at its end if s = 0.
+    """The next period, at whose end the hand has the velocity ``v`` along the path and ``vy`` across it if s = 0.
 
-    Velocities are met in the posture predicted for the end of the period, and so without drift.
+    Velocities are converted in the posture predicted for the end of the period, which avoids drift; torques are those
+    half a period ahead.
     """
-    ux, uy = way
-    half, then = np.empty(2), np.empty(2)
+    ux, uy = along
+    half, end = np.empty(2), np.empty(2)
     for i in range(2):
         half[i] = q[i] + 0.5 * period * qd[i]
-        then[i] = q[i] + period * (qd[i] + 0.5 * period * qdd[i])
-    links = _links(model.lengths, then[0], then[1])
+        end[i] = q[i] + period * (qd[i] + 0.5 * period * qdd[i])
+    links = _links(model.lengths, end[0], end[1])
     w1, w2 = _joint_velocities(
         links,
         target.velocity[0] + period * target.acceleration[0] + ux * v - uy * vy,
@@ -201,15 +197,16 @@ def _response_now(
 
 
 @njit(cache=True, nogil=True)
-def _response_at_meeting(model: _Model, q: Array, target: _Target, way: _Pair, x: float, v: float) -> _Response:
-    """Riding with the target, where the hand will come to rest relative to it."""
-    # Braking evenly to rest takes twice as long as the way does at the present velocity.
+def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pair, x: float, v: float) -> _Response:
+    """Following the target at the place where the hand will come to rest relative to it."""
+    # Braking evenly to rest takes twice as long as the same way at the present velocity.
     t = min(LOOK_AHEAD, -2.0 * x / v) if x * v < 0.0 else 0.0
     px = target.position[0] + t * (target.velocity[0] + 0.5 * t * target.acceleration[0])
     py = target.position[1] + t * (target.velocity[1] + 0.5 * t * target.acceleration[1])
     q1, q2 = two_link_branch(model.lengths[0], model.lengths[1], px, py, q[1])
     if math.isnan(q1):
         q1, q2 = q[0], q[1]
+    # Joint velocities, and accelerations with the centripetal ones of both links.
     links = _links(model.lengths, q1, q2)
     w1, w2 = _joint_velocities(
         links, target.velocity[0] + t * target.acceleration[0], target.velocity[1] + t * target.acceleration[1]
@@ -219,12 +216,12 @@ def _response_at_meeting(model: _Model, q: Array, target: _Target, way: _Pair, x
         target.acceleration[0] + links[0] * w1**2 + links[2] * (w1 + w2) ** 2,
         target.acceleration[1] + links[1] * w1**2 + links[3] * (w1 + w2) ** 2,
     )
-    slope = _joint_velocities(links, way[0], way[1])
+    slope = _joint_velocities(links, along[0], along[1])
     return _response(model, np.array([q1, q2]), np.array([w1, w2]), still, slope)
 
 
 @njit(cache=True, nogil=True)
-def _response(model: _Model, q: Array, qd: Array, still: _Pair, slope: _Pair) -> _Response:
+def _response(model: _ArmModel, q: Array, qd: Array, still: _Pair, slope: _Pair) -> _Response:
     mass, bias = np.empty((2, 2)), np.empty(2)
     mass_matrix_single(model.coupling, q, mass)
     inverse_dynamics_single(model.coupling, model.weight, q, qd, np.zeros(2), bias)
@@ -232,22 +229,21 @@ def _response(model: _Model, q: Array, qd: Array, still: _Pair, slope: _Pair) ->
 
 
 @njit(cache=True, nogil=True)
-def _braking(model: _Model, now: _Response, later: _Response) -> tuple[_Pair, float]:
-    """What braking can count on in both postures: lowest and highest acceleration along the way, and jerk."""
+def _braking(model: _ArmModel, now: _Response, later: _Response) -> tuple[_Pair, float]:
+    """What braking can count on in both postures: lowest and highest acceleration along the path, and jerk."""
     lowest, highest, jerk = -math.inf, math.inf, math.inf
     for response in (now, later):
-        low, high = _room(response, -model.acceleration, model.acceleration, model.torque)
+        low, high = _interval(response, -model.acceleration, model.acceleration, model.torque)
         lowest, highest = max(lowest, low), min(highest, high)
         for i in range(2):
             if response.slope[i] != 0.0:
                 jerk = min(jerk, model.jerk[i] / abs(response.slope[i]))
-    weakest = 1e-3  # m/s^2: where the limits do not even allow to ride along, let there be a field all the same
-    return (min(-weakest, RESERVE * lowest), max(weakest, RESERVE * highest)), RESERVE * jerk
+    return (min(-_WEAKEST, RESERVE * lowest), max(_WEAKEST, RESERVE * highest)), RESERVE * jerk
 
 
 @njit(cache=True, nogil=True)
-def _room(response: _Response, lower: Array, upper: Array, torque: Array) -> _Pair:
-    """The interval of s that bounds of joint accelerations and torques leave; empty if its ends are in reverse."""
+def _interval(response: _Response, lower: Array, upper: Array, torque: Array) -> _Pair:
+    """The interval of s within bounds of joint accelerations and torques; empty if its ends are in reverse."""
     lowest, highest = -math.inf, math.inf
     for i in range(2):
         row = response.mass[i]
@@ -281,24 +277,15 @@ def _fit_torque(response: _Response, torque: Array, lower: Array, upper: Array, 
 
 
 @njit(cache=True, nogil=True)
-def _links(lengths: Array, q1: float, q2: float) -> _Links:
-    return (
-        lengths[0] * math.cos(q1),
-        lengths[0] * math.sin(q1),
-        lengths[1] * math.cos(q1 + q2),
-        lengths[1] * math.sin(q1 + q2),
-    )
+def _links(lengths: Array, q1: float, q2: float) -> tuple[float, float, float, float]:
+    """Both links as vectors: x and y of the first, x and y of the second, m."""
+    x1, y1 = lengths[0] * math.cos(q1), lengths[0] * math.sin(q1)
+    return x1, y1, lengths[1] * math.cos(q1 + q2), lengths[1] * math.sin(q1 + q2)
 
 
 @njit(cache=True, nogil=True)
-def _hand_velocity(links: _Links, w1: float, w2: float) -> _Pair:
-    x1, y1, x2, y2 = links
-    return -y1 * w1 - y2 * (w1 + w2), x1 * w1 + x2 * (w1 + w2)
-
-
-@njit(cache=True, nogil=True)
-def _joint_velocities(links: _Links, vx: float, vy: float) -> _Pair:
-    """The inverse of `_hand_velocity`, bounded close to a stretched or folded arm."""
+def _joint_velocities(links: tuple[float, float, float, float], vx: float, vy: float) -> _Pair:
+    """Joint velocities for a velocity of the hand, bounded close to a stretched or folded arm."""
     x1, y1, x2, y2 = links
     area = x1 * y2 - y1 * x2
     area = math.copysign(max(abs(area), 1e-3 * math.sqrt((x1 * x1 + y1 * y1) * (x2 * x2 + y2 * y2))), area)
