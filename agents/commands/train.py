@@ -20,7 +20,8 @@ from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_experiment
 
 if TYPE_CHECKING:
-    from agents.training.run import Row, TrainingRun
+    from agents.training.run import TrainingRun
+    from agents.training.scores import Row
 
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended."""
@@ -92,7 +93,8 @@ def run(options: TrainOptions) -> int:
     console = Console(stderr=True)
     if not finished:
         console.print(
-            f"stopped; go on from {training.steps:,} steps: planarm train --resume {training.folder}", soft_wrap=True
+            f"stopped; continue from {training.steps:,} steps: planarm train --resume {training.folder}",
+            soft_wrap=True,
         )
         return INTERRUPTED
     console.print(f"{training.steps:,} steps; the best agent is {training.folder}/best.safetensors", soft_wrap=True)

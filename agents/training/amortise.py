@@ -1,8 +1,8 @@
-"""A policy's first weights from the cost of the motions it chooses, by gradient through the dynamics of the arm.
+"""Amortised optimisation: a policy's first weights from the cost of its motions, by gradient through the dynamics.
 
-Where an action is a whole motion, its torque is a smooth function of the action, known in closed form: the network is
-fitted to the mean cost over many random moves, which a planner would minimise for each move anew (B. Amos, "Tutorial on
-amortized optimization", section 2). No physics is run meanwhile.
+Where an action is a whole motion, its torque is a smooth function of the action, known in closed form. The network is
+fitted to the mean cost over many random moves; a planner minimises the cost of each move separately (B. Amos, "Tutorial
+on amortized optimization", section 2). No physics is simulated.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents.training.gradient_steps import Minibatch, gradient_steps
 from agents.training.recipe import Amortisation, TrainingConfig
 from envs.min_torque_move.env import MinTorqueMove
 from envs.min_torque_move.kernels import SHAPE_SCALE
@@ -96,36 +97,37 @@ def amortise(
 
     Args:
         policy: of PPO; changed in place.
-        config: of the run; with an amortisation.
-        seed: of the first move and of their order.
-        progress: called with a line now and then; says whether to go on.
+        config: of the run; without an amortisation, nothing is done.
+        seed: of the first move and of the order of the moves.
+        progress: called with a line about every twentieth of the updates; says whether to continue.
 
     Returns:
-        Whether it was done to the end.
+        Whether it was completed.
     """
     plan = config.amortise
     if plan is None:
         return True
     observations, cost = _moves(config, plan, seed)
-    generator = np.random.default_rng(seed)
     last = list(policy.action_net.parameters())
     inner = list(policy.mlp_extractor.policy_net.parameters())
-    # An action of 1 is several radians: what makes the last layer's steps in radians as large as the others'.
-    optimizer = torch.optim.Adam([{"params": inner, "share": 1.0}, {"params": last, "share": 1.0 / SHAPE_SCALE}])
-    costs = []
+    # An action of 1 is several radians. This makes the last layer's steps in radians as large as the others'.
+    last_rate = 1.0 / SHAPE_SCALE * plan.learning_rate
+    optimizer = torch.optim.Adam([{"params": inner, "lr": plan.learning_rate}, {"params": last, "lr": last_rate}])
+
+    def loss(batch: Minibatch) -> torch.Tensor:
+        moves = observations[batch]
+        return cost(moves, policy.get_distribution(moves).distribution.mean).mean()
+
+    def rate(update: int) -> float:
+        return 1.0 - 0.999 * update / plan.updates
+
+    costs: list[float] = []
     every = -(-plan.updates // _LINES)
-    for update in range(plan.updates):
-        for group in optimizer.param_groups:
-            group["lr"] = group["share"] * plan.learning_rate * (1.0 - 0.999 * update / plan.updates)
-        batch = observations[generator.integers(len(observations), size=plan.batch_size)]
-        loss = cost(batch, policy.get_distribution(batch).distribution.mean).mean()
-        optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_([*inner, *last], 1.0)
-        optimizer.step()
-        costs.append(float(loss.detach()))
-        if (update + 1) % every == 0:
-            line = f"amortising: {update + 1:,} of {plan.updates:,} updates, cost {np.mean(costs[-every:]):.3f}"
+    generator = np.random.default_rng(seed)
+    for value in gradient_steps(optimizer, loss, len(observations), plan, generator, rate=rate, max_norm=1.0):
+        costs.append(value)
+        if len(costs) % every == 0:
+            line = f"amortising: {len(costs):,} of {plan.updates:,} updates, cost {np.mean(costs[-every:]):.3f}"
             if not progress(line):
                 return False
     return True

@@ -1,4 +1,4 @@
-"""PPO of Stable-Baselines3, fitted to runs that are cut into segments, and its networks as tensors of an `Agent`."""
+"""PPO of Stable-Baselines3 for runs in segments, and its networks as tensors of an `Agent`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FineFeatures(BaseFeaturesExtractor):  # type: ignore[misc]
 
 
 class SegmentedPPO(PPO):  # type: ignore[misc]
-    """PPO whose schedules follow the whole run, however many calls of ``learn`` it is cut into.
+    """PPO whose schedules follow the whole run, over any number of calls of ``learn``.
 
     Args:
         config: of the run.
@@ -73,7 +73,7 @@ class SegmentedPPO(PPO):  # type: ignore[misc]
         super()._update_current_progress_remaining(num_timesteps, self.config.total_steps)
 
     def train(self) -> None:
-        """One update, after which the noise of the actions is that of its schedule, if it has one."""
+        """One update; then sets the noise of the actions to its schedule, if it has one."""
         super().train()
         if self.config.final_log_std is not None:
             left = self._current_progress_remaining
@@ -81,12 +81,12 @@ class SegmentedPPO(PPO):  # type: ignore[misc]
 
 
 def between(start: float, end: float, left: float) -> float:
-    """What falls linearly from ``start`` to ``end``, where a share ``left`` of the run is to come."""
+    """A value that changes linearly from ``start`` to ``end``, when a share ``left`` of the run remains."""
     return end + (start - end) * max(left, 0.0)
 
 
 def fine_elements(config: TrainingConfig, layout: Layout) -> tuple[list[int], list[float]]:
-    """Places and gains of the elements that the networks see magnified.
+    """Indices and gains of the observation's elements that the networks also see magnified.
 
     Raises:
         ValueError: if the observation has no such entry.

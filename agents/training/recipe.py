@@ -1,4 +1,4 @@
-"""What a training run is made of: validated settings, from YAML and from the command line."""
+"""Settings of a training run, validated, from YAML and from the command line."""
 
 from __future__ import annotations
 
@@ -11,24 +11,19 @@ from agents.yaml_config import assigned
 from envs.settings import Settings
 
 EVALUATION_SEED = 1_000_000
-"""Of the first episode of an evaluation: apart from those of the leaderboard, which choose no agent."""
+"""Seed of the first episode of an evaluation in training; the leaderboard has other seeds."""
 
 
 class WarmStart(Settings):
-    """Behaviour cloning of an expert before PPO begins.
-
-    In the first round the expert acts. In each later one the clone acts and the expert says what it would have done,
-    because a clone that has seen only the expert's own states does not know the way back to them (S. Ross,
-    G. Gordon and D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
-    learning", algorithm 3.1).
+    """DAgger before PPO: see :mod:`agents.training.dagger`.
 
     Attributes:
         expert: its name.
-        episodes: in each round.
-        rounds: of collecting and fitting.
-        updates: gradient steps in each round, on samples of all rounds so far.
+        episodes: in each iteration.
+        rounds: iterations of collecting and fitting.
+        updates: gradient steps in each iteration, on the samples of all iterations so far.
         batch_size: samples of a gradient step.
-        learning_rate: at the start; it falls to a hundredth over all rounds, linearly.
+        learning_rate: at the start; it falls linearly to a hundredth over all iterations.
     """
 
     expert: str
@@ -40,13 +35,13 @@ class WarmStart(Settings):
 
 
 class Amortisation(Settings):
-    """Fitting a policy whose actions are whole motions to the least cost of these, before PPO begins.
+    """Amortised optimisation before PPO, where actions are whole motions: see :mod:`agents.training.amortise`.
 
     Attributes:
-        moves: random ones to fit to.
+        moves: random moves to fit to.
         updates: gradient steps.
         batch_size: moves of a gradient step.
-        learning_rate: at the start; it falls to a thousandth, linearly.
+        learning_rate: at the start; it falls linearly to a thousandth.
     """
 
     moves: int = Field(150_000, ge=1)
@@ -61,9 +56,9 @@ class TrainingConfig(Settings):
     Attributes:
         env: id of the environment.
         env_config: its settings.
-        seed: of everything.
+        seed: of all random numbers.
         total_steps: control steps of all environments together.
-        num_envs: episodes that run at once.
+        num_envs: environments stepped at once.
         rollout_steps: control steps an environment takes between two updates.
         batch_size: samples in a minibatch.
         epochs: passes over the samples at each update.
@@ -72,19 +67,18 @@ class TrainingConfig(Settings):
         gae_lambda: of the generalised advantage estimate.
         clip_range: of the ratio of probabilities.
         entropy_weight, value_weight: of the entropy bonus and of the value's loss.
-        max_grad_norm: gradients are scaled down to it.
+        max_grad_norm: a longer gradient is scaled down to this norm.
         log_std: logarithm of the actions' standard deviation at the start.
-        final_log_std: at the end, linear between; if left out it is learnt.
+        final_log_std: at the end, linear between; if left out, it is learned.
         hidden: widths of the hidden layers, of policy and value alike.
         activation: between them.
-        fine: gain by entry of the observation; the networks also see tanh(gain * entry), in which what is near zero is
-            magnified.
-        warm_start: cloning of an expert before PPO.
-        amortise: fitting to the cost of motions before PPO.
-        whole_episodes: the policy decides once an episode; steps then count episodes.
+        fine: gain by entry of the observation; the networks also see tanh(gain * entry), which magnifies small values.
+        warm_start: DAgger with an expert before PPO.
+        amortise: fit to the cost of motions before PPO.
+        whole_episodes: the policy acts once an episode; steps then count episodes.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
-        baselines: experts; the best of them on the same seeds stands beside the agent.
+        baselines: experts; the best of them on the same seeds is reported beside the agent.
     """
 
     env: str

@@ -1,4 +1,4 @@
-"""planarm's vector environments as Stable-Baselines3 wants them."""
+"""planarm's vector environments in the form that Stable-Baselines3 expects."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 
 class NativeVecEnv(VecEnv):  # type: ignore[misc]
-    """A vector environment of Gymnasium that begins the next episode in the step that ends the last, for SB3.
+    """A Gymnasium vector environment with same-step autoreset, for SB3.
 
-    Infos are empty but for environments whose episode has just ended. Those hold the episode's last info, ``episode``
-    (return
-    and length, as Monitor writes them), ``terminal_observation``, and ``TimeLimit.truncated``, by which SB3 tells that
-    the value of what would have come must be added.
+    Infos are empty except for environments whose episode has just ended. Those hold the episode's last info,
+    ``episode`` (return and length, as Monitor writes them), ``terminal_observation``, and ``TimeLimit.truncated``,
+    which makes SB3 bootstrap from the value.
 
     Args:
         env: any of planarm's vector environments.
 
     Raises:
-        ValueError: if the environment resets its environments in another way.
+        ValueError: for another autoreset mode.
     """
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
@@ -38,7 +37,7 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Let the next reset begin from this seed: environment i with seed + i."""
+        """Seed the next reset: environment i with seed + i."""
         self._first_seed = seed
         return [None if seed is None else seed + env_index for env_index in range(self.num_envs)]
 
@@ -52,7 +51,7 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions of the next step."""
+        """Store the actions of the next step."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -61,9 +60,9 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
         self._returns += rewards
         self._lengths += 1
         ended = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for env_index in np.flatnonzero(ended).tolist():
-            told[env_index] = {
+            ended_infos[env_index] = {
                 **_of_env(infos["final_info"], env_index),
                 "episode": {"r": float(self._returns[env_index]), "l": int(self._lengths[env_index]), "t": 0.0},
                 "terminal_observation": infos["final_obs"][env_index],
@@ -71,14 +70,14 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
             }
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
-        return observations, rewards.astype(np.float32), ended, told
+        return observations, rewards.astype(np.float32), ended, ended_infos
 
     def close(self) -> None:
-        """Let the environment go."""
+        """Close the environment."""
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of the environment, once an environment asked for."""
+        """An attribute of the environment, repeated for each index."""
         value = getattr(self.env.unwrapped, attr_name, None)
         return [value for _ in self._get_indices(indices)]
 
@@ -91,7 +90,7 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Refused: the environments are no objects of their own."""
+        """Refused: the environments are not separate objects."""
         raise NotImplementedError("environments have no methods of their own; call those of the vector environment")
 
     def env_is_wrapped(
@@ -102,7 +101,7 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
 
 
 def _of_env(infos: dict[str, Any], env_index: int) -> dict[str, Any]:
-    """What Gymnasium's vector infos tell of one environment."""
+    """The part of Gymnasium's vector infos for one environment."""
     return {
         key: _of_env(values, env_index) if isinstance(values, dict) else values[env_index]
         for key, values in infos.items()

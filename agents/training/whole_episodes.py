@@ -1,4 +1,4 @@
-"""Vector environments whose step is a whole episode, for policies that decide once."""
+"""Vector environments whose step is a whole episode, for policies that act once an episode."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Info = dict[str, Any]
 
 
 class WholeEpisodes(VectorWrapper):
-    """Holds an action to the end of the episode, in every environment, and then begins new episodes in all of them.
+    """Repeats an action to the end of the episode in every environment, then begins new episodes in all of them.
 
-    The reward of a step is the episode's return, so that every step ends an episode.
+    Every step ends an episode; its reward is the episode's return.
     """
 
     def step(
@@ -35,15 +35,15 @@ class WholeEpisodes(VectorWrapper):
             if ended.any():
                 terminated |= ended & terminates
                 truncated |= ended & truncates
-                told = {name: infos[name] for name in ("final_obs", "final_info")}
-                last = _where(ended, told, last) if last else told
+                final = {name: infos[name] for name in ("final_obs", "final_info")}
+                last = _where(ended, final, last) if last else final
                 running &= ~ended
         observations, infos = self.env.reset()
         return observations, returns, terminated, truncated, {**infos, **last}
 
 
 def _where(where: NDArray[np.bool_], new: Info, old: Info) -> Info:
-    """Infos of Gymnasium's vector form, with those of some environments replaced."""
+    """Gymnasium's vector infos, with those of some environments replaced."""
     merged: Info = {}
     for name, values in new.items():
         if isinstance(values, dict):

@@ -82,10 +82,10 @@ def test_a_run_amortises_and_can_be_repeated(tmp_path: Path) -> None:
     for name in ("one", "two"):
         run = TrainingRun.begin(tmp_path / name, config, "test")
         assert run.train()
-        ratio = run.rows[0]["quintic_ratio"]
+        ratio = run.state.rows[0]["quintic_ratio"]
         assert ratio < 0.9  # the quintic, with which it begins, is 1
-        assert run.rows[0]["success"] > 0.5
-        assert [row["steps"] for row in run.rows] == [0, 32, 64]
+        assert run.state.rows[0]["success"] > 0.5
+        assert [row["steps"] for row in run.state.rows] == [0, 32, 64]
     first, second = ((tmp_path / name / "last.safetensors").read_bytes() for name in ("one", "two"))
     assert first == second
     agent = load_agent(tmp_path / "one")

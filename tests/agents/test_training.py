@@ -25,11 +25,12 @@ import torch
 from agents import Agent, evaluate, load_agent
 from agents.cli import main
 from agents.policies.agent import FORMAT
+from agents.training.dagger import collect, dagger, returns_to_go
 from agents.training.ppo import SegmentedPPO, agent_tensors
 from agents.training.recipe import TrainingConfig
-from agents.training.run import TRAINING_SEEDS, TrainingRun, Watcher, _env_seed
+from agents.training.run import TrainingRun, Watcher
+from agents.training.seeding import TRAINING_SEEDS, env_seed
 from agents.training.vec_env import NativeVecEnv
-from agents.training.warm_start import clone_expert, collect, returns_to_go
 from agents.yaml_config import load_experiment, shipped_experiments
 from envs.conveyor_track.env import LAYOUT
 
@@ -250,7 +251,7 @@ def test_an_agent_acts_as_its_torch_network() -> None:
 
 
 def test_training_seeds_are_none_of_the_evaluations() -> None:
-    seeds = [_env_seed(seed, segment) for seed in range(20) for segment in range(20)]
+    seeds = [env_seed(seed, segment) for seed in range(20) for segment in range(20)]
     assert min(seeds) >= TRAINING_SEEDS
     assert max(seeds) < 2**32 - 2**16
     assert len(set(seeds)) == len(seeds)
@@ -262,12 +263,12 @@ def test_noise_and_learning_rate_follow_the_whole_run(finished: Path) -> None:
     assert checkpoint["optimizer"]["param_groups"][0]["lr"] == pytest.approx(1e-5)
 
 
-def test_a_clone_acts_much_like_its_expert() -> None:
+def test_dagger_makes_a_policy_act_much_like_its_expert() -> None:
     plan = {"expert": "apf", "episodes": 64, "rounds": 1, "updates": 1500, "batch_size": 128}
     config = small(warm_start=plan, hidden=[32, 32])
     with closing(gym.make_vec(SMALL["env"], num_envs=16, **SMALL["env_config"])) as env:
         model = SegmentedPPO(config, NativeVecEnv(env), LAYOUT)
-        assert clone_expert(model.policy, config, TRAINING_SEEDS)
+        assert dagger(model.policy, config, TRAINING_SEEDS)
         seen, labels, rewards = (np.concatenate(values) for values in collect(env, "apf", None, seed=0))
         own_states, own_labels, _ = (np.concatenate(values) for values in collect(env, "apf", model.policy, seed=0))
     actions = model.policy.predict(seen, deterministic=True)[0]

@@ -1,0 +1,135 @@
+"""DAgger: a policy's first weights from an expert, on states that the policy itself visits.
+
+S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
+learning", algorithm 3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+import envs
+from agents.training.gradient_steps import Minibatch, gradient_steps
+from agents.training.recipe import TrainingConfig, WarmStart
+from planners.typing import Array
+
+
+def dagger(policy: Any, config: TrainingConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
+    """Fit the mean action of a policy to an expert's, and its value to the returns of the fitted policy.
+
+    The expert acts in the first iteration, which is behaviour cloning, and the policy in the later ones. The expert
+    labels every state visited, and each iteration fits the policy to the samples of all iterations so far.
+
+    Args:
+        policy: of PPO; changed in place.
+        config: of the run; without a warm start, nothing is done.
+        seed: of the first episode and of the order of the samples.
+        progress: called with a line about each iteration; says whether to continue.
+
+    Returns:
+        Whether it was completed.
+    """
+    plan = config.warm_start
+    if plan is None:
+        return True
+    generator = np.random.default_rng(seed)
+    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate)
+    observations = np.zeros((0, *policy.observation_space.shape), np.float32)
+    labels = np.zeros((0, *policy.action_space.shape), np.float32)
+    with closing(gym.make_vec(config.env, num_envs=plan.episodes, **config.env_config)) as env:
+        for iteration in range(plan.rounds):
+            actor = policy if iteration else None
+            visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)
+            observations = np.concatenate([observations, *visited])
+            labels = np.concatenate([labels, *wanted])
+            error = _fit_actions(policy, optimizer, (observations, labels), plan, iteration, generator) ** 0.5
+            if not progress(f"DAgger, {plan.expert}: iteration {iteration + 1} of {plan.rounds}, error {error:.3f}"):
+                return False
+        visited, _, rewards = collect(env, plan.expert, policy, seed + plan.rounds * plan.episodes)
+    returns = np.concatenate(returns_to_go(rewards, config.gamma))
+    _fit_value(policy, np.concatenate(visited), returns, plan, generator)
+    return True
+
+
+def collect(
+    env: gym.vector.VectorEnv[Any, Any, Any], expert_name: str, actor: Any, seed: int
+) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]], list[Array]]:
+    """The first episode of each environment: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
+
+    Args:
+        env: environments.
+        expert_name: of the expert that labels the observations.
+        actor: the policy that acts; None for the expert itself.
+        seed: of the first environment; each further environment has the next seed.
+    """
+    expert = envs.make_expert(expert_name, env)
+    observation, _ = env.reset(seed=seed)
+    state, begins = None, np.ones(env.num_envs, dtype=bool)
+    running = begins.copy()
+    steps: list[tuple[Any, Any, Any, Any]] = []
+    while running.any():
+        wanted, state = expert.predict(observation, state=state, episode_start=begins, deterministic=True)
+        actions = wanted if actor is None else actor.predict(observation, deterministic=True)[0]
+        following, rewards, terminated, truncated, _ = env.step(actions)
+        steps.append((observation, wanted, rewards, running.copy()))
+        begins = terminated | truncated
+        running &= ~begins
+        observation = following
+    *columns, alive = (np.stack(column, axis=1) for column in zip(*steps, strict=True))
+    visited, labels, earned = ([values[kept] for values, kept in zip(column, alive, strict=True)] for column in columns)
+    return visited, labels, earned
+
+
+def returns_to_go(rewards: list[Array], gamma: float) -> list[Array]:
+    """Discounted sum of the present and future rewards, at each step of each episode."""
+    answers = []
+    for episode in rewards:
+        values = np.zeros(len(episode))
+        after = 0.0
+        for step in reversed(range(len(episode))):
+            values[step] = after = episode[step] + gamma * after
+        answers.append(values)
+    return answers
+
+
+def _fit_actions(
+    policy: Any,
+    optimizer: torch.optim.Optimizer,
+    samples: tuple[NDArray[np.float32], NDArray[np.float32]],
+    plan: WarmStart,
+    iteration: int,
+    generator: np.random.Generator,
+) -> float:
+    """Regression of the mean action on the expert's actions; the mean squared error over the last tenth of it."""
+    observations, labels = (torch.from_numpy(values) for values in samples)
+
+    def loss(batch: Minibatch) -> torch.Tensor:
+        means = policy.get_distribution(observations[batch]).distribution.mean
+        return torch.nn.functional.mse_loss(means, labels[batch])
+
+    def rate(update: int) -> float:
+        return 1.0 - 0.99 * ((iteration + update / plan.updates) / plan.rounds)
+
+    losses = list(gradient_steps(optimizer, loss, len(observations), plan, generator, rate=rate))
+    return float(np.mean(losses[-max(1, plan.updates // 10) :]))
+
+
+def _fit_value(
+    policy: Any, observations: NDArray[np.float32], returns: Array, plan: WarmStart, generator: np.random.Generator
+) -> None:
+    """Regression of the value on returns, so that the first updates of PPO do not undo the fit of the actions."""
+    visited, wanted = torch.from_numpy(observations), torch.from_numpy(returns.astype(np.float32))
+
+    def loss(batch: Minibatch) -> torch.Tensor:
+        return torch.nn.functional.mse_loss(policy.predict_values(visited[batch])[:, 0], wanted[batch])
+
+    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate)
+    for _ in gradient_steps(optimizer, loss, len(visited), plan, generator):
+        pass

@@ -1,0 +1,53 @@
+"""Scores of an agent at a checkpoint and of the baselines, on seeds that are never trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.evaluate import Evaluation, evaluate
+from agents.policies.agent import ACTION_SETTINGS, Agent
+from agents.training.recipe import EVALUATION_SEED, TrainingConfig
+
+Row = dict[str, Any]
+"""A row of metrics.csv, by column."""
+
+
+def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
+    """Success rate, mean return and metrics of an agent, or of an expert in the environment's default control mode."""
+    seeds = EVALUATION_SEED + np.arange(config.evaluation_episodes)
+    settings = dict(config.env_config)
+    if isinstance(policy, str):
+        settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
+    return summary(evaluate(policy, config.env, seeds, env_config=settings))
+
+
+def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> Row:
+    """The columns of the best baseline: its name and its scores; ``begin`` is called with a line about each one."""
+    scores = {}
+    for name in config.baselines:
+        begin(f"evaluating {name}")
+        scores[name] = score(name, config)
+    best = max(scores, key=lambda name: merit(scores[name]))
+    return {"expert": best, **{f"expert_{name}": value for name, value in scores[best].items()}}
+
+
+def baseline_columns(row: Row) -> Row:
+    """The columns of a row that are about the baseline."""
+    return {name: value for name, value in row.items() if name.startswith("expert")}
+
+
+def merit(row: Row) -> tuple[float, float]:
+    """What agents are ranked by: success rate first, then the return."""
+    return row["success"], row["return"]
+
+
+def summary(evaluation: Evaluation) -> dict[str, float]:
+    """Success rate, mean return, shares of boolean metrics and medians of the others."""
+    scores = {"success": float(evaluation.success.mean()), "return": float(evaluation.returns.mean())}
+    for name, values in evaluation.metrics.items():
+        if name != "is_success" and "/" not in name:
+            scores[name] = float(values.mean() if values.dtype == bool else np.nanmedian(values))
+    return scores
