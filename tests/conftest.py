@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Programs that tests start import this checkout, like the tests themselves, whatever is installed.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH")])
+)
 
 MARKERS = {"rl": ("stable_baselines3", 'pip install "planarm[rl]"'), "moviepy": ("moviepy", "pip install moviepy")}
 """The module that tests with a marker need, and how to get it."""
