@@ -138,7 +138,7 @@ def test_agents_import_each_other_over_few_storeys() -> None:
     storey: dict[str, int] = {}
     for module in TopologicalSorter(graph).static_order():
         storey[module] = 1 + max((storey[name] for name in graph[module]), default=0)
-    assert {module for module in storey if module.startswith("agents.") and storey[module] > 8} == set()
+    assert {module for module in storey if module.startswith("agents.") and storey[module] > 7} == set()
 
 
 LINES = {path: len(path.read_text().splitlines()) for path in SOURCE.values()}
@@ -150,7 +150,7 @@ def test_source_files_are_short() -> None:
 
 
 def test_folders_are_not_heaps() -> None:
-    crowded = {folder: n for folder, n in Counter(path.parent for path in LINES).items() if n > 15}
+    crowded = {folder: n for folder, n in Counter(path.parent for path in LINES).items() if n > 14}
     assert not crowded
 
 
