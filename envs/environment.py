@@ -1,4 +1,4 @@
-"""The Gymnasium loop around a task: `PlanarArmEnv` (a batch of one) and `PlanarArmVectorEnv` (the batch itself)."""
+"""Gymnasium environments of a task: `PlanarArmEnv` (a batch of one) and `PlanarArmVectorEnv` (the batch itself)."""
 
 from __future__ import annotations
 
@@ -21,40 +21,38 @@ from planners.typing import Array
 
 Frame = NDArray[np.uint8]
 Info = dict[str, Any]
-RENDER_MODES = ("human", "rgb_array")
 
 
 class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     """One environment of a task as a Gymnasium environment.
 
-    Pickling keeps how the environment was made, not the episode that is under way.
+    Pickling keeps the arguments, not the current episode.
 
     Args:
         render_mode: ``"human"``, ``"rgb_array"`` or None.
-        task_type: the `Task` class, where the environment's class names none.
+        task_type: the `Task` class; by default the class attribute of this name.
         config: fields of the task's configuration.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # type: ignore[misc]
     task_type: ClassVar[type[Any]]
 
     def __init__(self, render_mode: str | None = None, *, task_type: type[Any] | None = None, **config: Any) -> None:
         EzPickle.__init__(self, render_mode, task_type=task_type, **config)
-        _check_render_mode(render_mode)
+        refuse_unknown([render_mode] if render_mode else [], self.metadata["render_modes"], "render mode")
         self.task: Task = (task_type or self.task_type).make(config, 1)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
         self._needs_reset = True
-        self._camera = _Camera(self.task, render_mode)
-        # Views of the one environment, so that a step touches no more Python than it must.
-        env = self.task.batch[0]
-        self._env, self._action = env, env["action"]
-        self._observation = env["observation"]
+        self._camera = _Camera(self.task, 0, window=render_mode == "human")
+        # Views of the one record, made once to keep a step fast.
+        self._env = self.task.batch[0]
+        self._action, self._observation = self._env["action"], self._env["observation"]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; see the environment's own page for the options."""
+        """Begin an episode; the environment's docstring lists the options."""
         super().reset(seed=seed)
         self.task.reset_envs([0], [self.np_random], options or {})
         self._needs_reset = False
@@ -99,21 +97,21 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         return self.task.batch["q"][0].copy(), self.task.batch["qd"][0].copy()
 
     def motion_problem(self) -> MotionProblem:
-        """The problem an expert would read from the current observation."""
+        """The planning problem that the current observation states."""
         return self.task.motion_problem(self._observation)
 
 
 class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
     """A batch as a Gymnasium vector environment; environment i equals the single one with seed + i.
 
-    An environment whose episode ends begins the next in the same step: the returned observation is the new one, and the
-    last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
+    An environment whose episode ends begins the next one in the same step: the returned observation is the first of the
+    new episode; the last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
 
     Args:
         num_envs: number of environments.
         render_mode: ``"rgb_array"`` or None.
-        max_episode_steps: end every episode after so many steps, if that is earlier than the task's horizon.
-        task_type: the `Task` class, where the environment's class names none.
+        max_episode_steps: truncate every episode after so many steps, if that is before the task's horizon.
+        task_type: the `Task` class; by default the class attribute of this name.
         config: fields of the task's configuration.
     """
 
@@ -136,8 +134,9 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
         if num_envs < 1:
             raise ValueError(f"num_envs {num_envs} must be at least 1")
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f'render_mode "{render_mode}": a vector environment renders "rgb_array" only')
+        refuse_unknown(
+            [render_mode] if render_mode else [], self.metadata["render_modes"], "render mode of a vector environment"
+        )
         self.task: Task = (task_type or self.task_type).make(config, num_envs)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.num_envs = num_envs
@@ -148,9 +147,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._max_episode_steps = max_episode_steps
         self._generators: list[np.random.Generator] = []
-        self._cameras = (
-            [_Camera(self.task, render_mode, env_index) for env_index in range(num_envs)] if render_mode else []
-        )
+        self._cameras = [_Camera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
         self._running = False
 
     def reset(
@@ -161,16 +158,14 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         mask = options.pop("reset_mask", None)
         chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
         self._seed(seed, chosen)
-        self.task.reset_envs(chosen, [self._generators[env_index] for env_index in chosen], options)
-        for env_index in chosen if self._cameras else ():
-            self._cameras[env_index].begin()
+        self._begin(chosen, options)
         self._running = True
         return self._observations(), self._step_infos()
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
-        """Hold one action an environment, ``(num_envs, n)``, for one control period."""
+        """Hold one action per environment, ``(num_envs, n)``, for one control period."""
         if not self._running:
             raise gym.error.ResetNeeded("no episode has begun: call reset() first")
         batch = self.task.batch
@@ -185,18 +180,15 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         ended = terminated | truncated
         if ended.any():
             infos.update(self._final(ended))
-            which = np.flatnonzero(ended).tolist()
-            self.task.reset_envs(which, [self._generators[env_index] for env_index in which], {})
-            for env_index in which if self._cameras else ():
-                self._cameras[env_index].begin()
+            self._begin(np.flatnonzero(ended).tolist(), {})
         return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Frame, ...] | None:
-        """One frame an environment."""
+        """One frame per environment."""
         return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let threads and surfaces go."""
+        """Stop the threads and free the surfaces."""
         for camera in self._cameras:
             camera.close()
         self.task.close()
@@ -206,8 +198,14 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         return self.task.batch["q"].copy(), self.task.batch["qd"].copy()
 
     def motion_problem(self, env_index: int) -> MotionProblem:
-        """The problem an expert would read from the current observation of an environment."""
+        """The planning problem that the current observation of an environment states."""
         return self.task.motion_problem(self.task.batch["observation"][env_index])
+
+    def _begin(self, chosen: list[int], options: dict[str, Any]) -> None:
+        """Begin an episode in the chosen environments."""
+        self.task.reset_envs(chosen, [self._generators[env_index] for env_index in chosen], options)
+        for env_index in chosen if self._cameras else ():
+            self._cameras[env_index].begin()
 
     def _seed(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> None:
         if isinstance(seed, (int, np.integer)):
@@ -216,7 +214,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             seeds = [None] * self.num_envs if seed is None else seed
         if len(seeds) != self.num_envs:
             raise ValueError(
-                f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed an environment"
+                f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed per environment"
             )
         if not self._generators:
             self._generators = [seeding.np_random(one)[0] for one in seeds]
@@ -262,18 +260,18 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
 class _Camera:
     """Draws one environment, with the trail of its hand."""
 
-    def __init__(self, task: Task, render_mode: str | None, env_index: int = 0) -> None:
-        self._task, self._env, self._window = task, env_index, render_mode == "human"
+    def __init__(self, task: Task, env_index: int, *, window: bool = False) -> None:
+        self._task, self._env, self._window = task, env_index, window
         self._trail: list[Array] = []
         self._renderer: Renderer | None = None
 
     def begin(self) -> None:
-        """An episode begins."""
+        """Begin a new trail."""
         self._trail.clear()
         self.follow()
 
     def follow(self) -> None:
-        """Remember where the hand is."""
+        """Add the current hand position to the trail."""
         self._trail.append(self._task.hand_position(self._env))
 
     def frame(self) -> Frame:
@@ -283,12 +281,7 @@ class _Camera:
         return self._renderer.draw(self._task.scene(self._env, self._trail))
 
     def close(self) -> None:
-        """Let the window go."""
+        """Close the window."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-
-def _check_render_mode(render_mode: str | None) -> None:
-    if render_mode is not None:
-        refuse_unknown([render_mode], RENDER_MODES, "render mode")

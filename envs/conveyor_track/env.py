@@ -1,4 +1,4 @@
-"""ConveyorTrack: bring the hand of a SCARA arm onto a part that rides on a conveyor belt, and ride with it."""
+"""ConveyorTrack: bring the hand of a SCARA arm to a part on a conveyor belt, and follow it."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class ConveyorTrackOptions(Settings):
 
     Attributes:
         scenario: ``"random"`` or ``"paper"``.
-        belt_speed: at the start, along +x, m/s.
-        offset: D of eq 2: how far the hand starts ahead of the part, m.
-        line_height: y of the belt, m.
-        hand_x: x of the hand at the start, m.
+        belt_speed: speed of the belt at the start, along +x, m/s.
+        offset: D of eq 2, the lead of the hand over the part at the start, m.
+        line_height: y coordinate of the belt, m.
+        hand_x: x coordinate of the hand at the start, m.
         elbow: sign of the elbow angle at the start, ``"+"`` or ``"-"``.
     """
 
@@ -155,7 +155,7 @@ class ConveyorTrack(Task):
 
 
 class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Bring the hand of a two-link SCARA arm onto a part that rides on a conveyor belt, and ride with it.
+    __doc__ = f"""Bring the hand of a two-link SCARA arm to a part on a conveyor belt, and follow it.
 
     From T. H. Park, B. H. Lee and M. S. Ko, "Motion planning of a robot manipulator for conveyor tracking".
     The arm (`planners.SCARA_1M`: two 1 m, 1 kg rods) moves in the horizontal plane and starts at rest with its hand
@@ -164,9 +164,9 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     ## Action
     Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
     `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
-    rad/s, at the end of the period). The last three go through inverse dynamics. Jerk is integrated and clipped so that
-    the velocity, acceleration and jerk limits hold by construction; a velocity is approached so that all but the
-    jerk's hold. The torque limits are the actuator's own and always hold.
+    rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the velocity,
+    acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators keep the
+    torque limits in every mode.
 
     ## Observation
     Each element is a physical value divided by a fixed scale, clipped at the bound.
@@ -176,13 +176,13 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     ## Reward
     The sum of three terms, which `info["reward_terms"]` holds:
 
-    * `progress`: growth of -log(error) / log(1000), where error is the larger of position and velocity error in
-      units of its tolerance, kept in [1, 1000]. Over an episode it adds up to what the end is better than the start.
-    * `settling`: growth of the share of the episode for which the hand has been within tolerance without a break.
-      Losing the part pays the share back, so the episode's sum is the share left after the settling time.
+    * `progress`: increase of -log(error) / log(1000), where error is the larger of position and velocity error in
+      units of its tolerance, clipped to [1, 1000]. Its sum over an episode is the improvement from start to end.
+    * `settling`: increase of the share of the episode for which the hand has been within tolerance without a break.
+      Losing the part takes the share back, so the episode's sum is the share left after the settling time.
     * `limits`: for each control period in which a velocity, acceleration or jerk limit is broken by more than
       `limit_tolerance`, minus `limit_penalty` x (1 + excess, at most 2). One such period costs as much as settling
-      at once could ever gain.
+      immediately could gain.
 
     Each step's reward is within [-6, 2]. Of two policies that keep the limits, the one that settles earlier gets the
     higher return.
@@ -191,7 +191,7 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     `reset(options={{"scenario": "paper"}})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
     0.2 m/s. Otherwise belt speed, D, line height, hand position and elbow are drawn from cells of a grid whose
     corners DPCT has solved within 97 % of all limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
-    `line_height`, `hand_x` and `elbow` set any of these by hand; what DPCT cannot solve is refused with its reason.
+    `line_height`, `hand_x` and `elbow` fix any of these; a start that DPCT cannot solve is refused with its reason.
 
     ## End
     Truncated after `horizon` (3 s). Never terminated. Success: position error at most 1 mm and velocity error at most
@@ -202,7 +202,7 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     |---|---|---|
     | `is_success` | always | settled for at least `hold_time` up to now |
     | `reward_terms` | always | the three terms |
-    | `settling_time` | at the end | from when on both errors stay within tolerance, s; inf if they do not |
+    | `settling_time` | at the end | time from which on both errors stay within tolerance, s; inf if they do not |
     | `steady_state_error` | at the end | largest position error over the last `hold_time`, m |
     | `lq_cost` | at the end | J of eq 18, lengths in units of the paper's 0.5 m path |
     | `peak_torque` | at the end | largest torque of either joint, N m |

@@ -16,7 +16,7 @@ LINE_LENGTH = 0.5
 """Length of the paper's path, X_h(t_f) - X_h(t_0), m: the unit of its position r in the index J of eq 18."""
 
 MAX_ERROR = 1000.0
-"""Tracking error, in tolerances, from which on the progress term sees no difference: 1 m, 2 m/s by default."""
+"""Tracking error, in tolerances, from which on the progress term is constant: 1 m, 2 m/s by default."""
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
     ("part", "i8"),
@@ -96,6 +96,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _read_part(env: Any, shared: Any) -> None:
+    """Read the part's position off its body, and integrate its velocity."""
     env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.part)
     for axis in range(2):
         env.part_velocity[axis] += shared.control_period * env.part_acceleration[axis]
@@ -103,6 +104,7 @@ def _read_part(env: Any, shared: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _measure_errors(env: Any) -> None:
+    """Distance and relative velocity between part and hand."""
     dx, dy = env.part_position[0] - env.hand[0], env.part_position[1] - env.hand[1]
     dvx, dvy = env.part_velocity[0] - env.hand_velocity[0], env.part_velocity[1] - env.hand_velocity[1]
     env.error = math.sqrt(dx * dx + dy * dy)

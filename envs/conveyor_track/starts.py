@@ -1,9 +1,8 @@
-"""Where ConveyorTrack episodes start, and how it is known that each start can be solved.
+"""The start distribution of ConveyorTrack: starts from which DPCT has a motion within all limits.
 
-``python -m envs.conveyor_track.starts`` lets DPCT solve every node of a grid over belt speed, offset, line height, hand
-position and elbow, within 97 % of all limits, and stores the rendezvous times. An episode starts inside a cell of
-that grid all of whose corners are solved in time; the 3 % are the margin for what lies between the corners, and the
-command ends by solving thousands of drawn starts within the full limits.
+``python -m tools.conveyor_starts`` stores the rendezvous times of DPCT, within 97 % of all limits, on a grid over belt
+speed, offset, line height, hand position and elbow. An episode starts inside a cell of that grid all of whose corners
+are solved in time; the 3 % are the margin for starts between the corners.
 """
 
 from __future__ import annotations
@@ -11,10 +10,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from importlib import resources
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +51,7 @@ PAPER_START = Start(belt_speed=0.2, offset=0.1, line_height=1.732, hand_x=-0.8, 
 
 
 class Demands(NamedTuple):
-    """What a start must allow, in what environment: settled ``hold_time`` before ``horizon``; SI units."""
+    """The environment of a start, which must be settled ``hold_time`` before ``horizon``; SI units."""
 
     horizon: float
     hold_time: float
@@ -63,7 +60,7 @@ class Demands(NamedTuple):
 
     @property
     def in_table(self) -> bool:
-        """Whether the stored table speaks of such an environment."""
+        """Whether the stored table holds for this environment."""
         return self.belt_acceleration == 0.0 and self.payload == 0.0
 
 
@@ -71,7 +68,7 @@ def problem_of(start: Start, demands: Demands) -> MotionProblem:
     """The planning problem that a start poses.
 
     Raises:
-        UnreachableTarget: if the hand cannot be there.
+        UnreachableTarget: if the hand cannot reach its start.
     """
     hand = np.array([start.hand_x, start.line_height])
     branch = 0 if start.elbow > 0.0 else 1
@@ -100,13 +97,13 @@ def why_unsolvable(start: Start, demands: Demands) -> str | None:
     latest = demands.horizon - demands.hold_time
     if plan.rendezvous_time > latest:
         return (
-            f"late: the part can be met after {plan.rendezvous_time:.3f} s at the earliest, but the episode of "
-            f"{demands.horizon:g} s wants it settled from {latest:g} s on; raise horizon, or choose another offset"
+            f"late: the part can be met after {plan.rendezvous_time:.3f} s at the earliest, but must be met within "
+            f"{latest:g} s of the episode's {demands.horizon:g} s; raise horizon, or choose another offset"
         )
     if plan.rides_until < demands.horizon:
         return (
-            f"late: the limits let the hand ride with the part until {plan.rides_until:.3f} s only, but the episode "
-            f"lasts {demands.horizon:g} s; lower horizon or belt_speed, or move hand_x against the belt"
+            f"late: within the limits the hand can follow the part until {plan.rides_until:.3f} s only, but the "
+            f"episode lasts {demands.horizon:g} s; lower horizon or belt_speed, or move hand_x against the belt"
         )
     return None
 
@@ -119,12 +116,12 @@ def require_solvable(start: Start, demands: Demands) -> None:
 
 
 def draw_starts(generators: Sequence[np.random.Generator], given: Mapping[str, float], demands: Demands) -> list[Start]:
-    """One solvable start a generator.
+    """One solvable start per generator.
 
     Args:
-        generators: one an environment; each is asked for as many numbers, whatever the other environments do.
-        given: values of `Start` that are set by hand; the others are drawn.
-        demands: what the starts must allow.
+        generators: one per environment; the start of one does not depend on the others.
+        given: values of `Start` that are fixed; the others are drawn.
+        demands: the environment.
 
     Raises:
         ValueError: if no drawn start with the given values can be solved, with DPCT's reason.
@@ -166,49 +163,10 @@ _AXIS_LISTS: list[list[float]] = [nodes.tolist() for nodes in AXES.values()]
 
 @lru_cache(maxsize=16)
 def _feasible_cells(horizon: float, hold_time: float) -> NDArray[np.int64]:
-    """Lowest corners and elbow, ``(cells, 5)``, of cells whose corners are all met in time and ridden to the end."""
+    """Lowest corners and elbow, ``(cells, 5)``, of cells with all corners met in time and followed to the end."""
     with resources.as_file(resources.files("envs.conveyor_track") / TABLE) as path, np.load(path) as table:
         solved = (table["rendezvous_time"] <= horizon - hold_time) & (table["rides_until"] >= horizon)
     cells = np.ones([size - 1 for size in solved.shape[:-1]] + [solved.shape[-1]], dtype=bool)
     for corner in itertools.product((0, 1), repeat=len(AXES)):
         cells &= solved[tuple(slice(bit, bit + size) for bit, size in zip(corner, cells.shape[:-1], strict=True))]
     return np.argwhere(cells)
-
-
-def build_table(path: Path, horizon: float = 6.0, checks: int = 2000) -> None:
-    """Solve every node of the grid, store the table, and solve drawn starts within the full limits.
-
-    Args:
-        path: where to write.
-        horizon: how far ahead to plan, s; the longest horizon the table can serve.
-        checks: number of drawn starts to solve at the end.
-    """
-    from rich.progress import track
-
-    shape = (*(len(nodes) for nodes in AXES.values()), len(ELBOWS))
-    rendezvous, rides = np.full(shape, np.inf), np.zeros(shape)
-    for index in track(list(np.ndindex(shape)), "solving the grid"):
-        values = [nodes[i] for nodes, i in zip(AXES.values(), index[:-1], strict=True)]
-        problem = problem_of(Start._make([*values, ELBOWS[index[-1]]]), Demands(horizon, 0.0))
-        try:
-            plan = dpct.plan(replace(problem, limits=problem.joint_limits.scaled(MARGIN)))
-        except (Infeasible, UnreachableTarget):
-            continue
-        rendezvous[index], rides[index] = plan.rendezvous_time, min(plan.rides_until, horizon)
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez_compressed(temporary, rendezvous_time=rendezvous, rides_until=rides, **AXES)  # type: ignore[arg-type]
-    temporary.replace(path)
-    _feasible_cells.cache_clear()
-    demands = Demands(3.0, 0.5)
-    generator = np.random.default_rng(0)
-    starts = [_draw(generator, demands) for _ in range(checks)]
-    failed = [start for start in track(starts, "solving drawn starts") if why_unsolvable(start, demands)]
-    cells = _feasible_cells(*demands[:2])
-    print(f"{np.isfinite(rendezvous).mean():.1%} of the nodes solved; {len(cells)} cells in time for 3 s")
-    print(f"{checks - len(failed)} of {checks} drawn starts solved within the full limits")
-    for start in failed[:10]:
-        print(start, why_unsolvable(start, demands))
-
-
-if __name__ == "__main__":
-    build_table(Path(__file__).parent / TABLE)

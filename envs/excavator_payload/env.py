@@ -1,4 +1,4 @@
-"""ExcavatorPayload: follow a motion with boom, arm and bucket while the bucket holds a load that nobody has weighed."""
+"""ExcavatorPayload: track a motion with boom, arm and bucket while the bucket holds an unknown payload."""
 
 from __future__ import annotations
 
@@ -30,26 +30,25 @@ NOISE = (1e-4, 5e-3)
 LAG = 0.030
 """Time constant of the drives on level 2, s."""
 PLANNED_SHARE = 0.65
-"""Of the torque limits, what a plan may use."""
+"""Share of the torque limits that a plan may use."""
 FULL_REWARD = 10.0
-"""Of an episode without any error."""
+"""Return of an episode without any error."""
 
 
 class ExcavatorPayloadConfig(TaskSettings):
-    """Settings of ExcavatorPayload-v0, beside those of every task.
+    """Settings of ExcavatorPayload-v0.
 
     Attributes:
-        control_mode: ``"torque"``, or ``"residual"`` to add to the torque of a controller that takes the bucket for
-            empty.
-        payload: heaviest load that is drawn, kg.
-        lightest: lightest load that is drawn, kg; as heavy as the heaviest for one that is known to you.
-        level: 1, or 2 for actuators that lag by 30 ms and a load that is picked up and dropped on the way.
+        control_mode: ``"torque"``, or ``"residual"`` to add to the torque of a controller for the empty bucket.
+        payload: heaviest drawn payload, kg.
+        lightest: lightest drawn payload, kg; equal to ``payload`` for a known one.
+        level: 1, or 2 for drives that lag by 30 ms and a payload that is picked up and dropped during the episode.
         noise: whether joint angles and velocities are measured with noise, or its standard deviations, rad and rad/s.
         rms_tolerance: largest root mean square of the tip error that counts as a success, m.
         peak_tolerance: largest tip error that counts as a success, m.
-        reward_distance: tip error from which on the reward sees no difference, m.
+        reward_distance: tip error from which on the tracking reward is 0, m.
         smoothness_weight: cost of a change of the action by 1 in one step, in units of the reward of a perfect step.
-        failure_penalty: cost of an episode that ends early because a joint ran away.
+        failure_penalty: cost of an episode that ends early because a joint left its range or was too fast.
     """
 
     control_mode: Literal["torque", "residual"] = "torque"
@@ -77,11 +76,11 @@ class ExcavatorPayloadOptions(Settings):
 
     Attributes:
         scenario: ``"random"``, or ``"cycle"`` for the waypoints of `planners.excavator.motion.WORK_CYCLE`.
-        payload: mass of the load, kg.
-        payload_offset: of its centre from where it should be, in the frame of the bucket, m.
+        payload: mass of the payload, kg.
+        payload_offset: offset of its centre from the nominal place, in the frame of the bucket, m.
         friction_scale: factor on the joints' friction.
-        waypoints: joint angles of the waypoints, rad; the first is where the episode starts.
-        arrival_times: when each waypoint after the first is due, s; as soon as the limits allow when left out.
+        waypoints: joint angles of the waypoints, rad; the episode starts at the first.
+        arrival_times: time at which each waypoint after the first is due, s; as early as the limits allow by default.
     """
 
     scenario: Literal["random", "cycle"] = "random"
@@ -151,7 +150,7 @@ class ExcavatorPayload(Task):
         self.model["judged_after"], self.model["settling_steps"] = steps // 3, steps // 6
         self.model["step_reward"] = FULL_REWARD / steps
         self.model["noise"] = config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
-        self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes_hands=config.level == 2)
+        self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))
 
@@ -251,7 +250,7 @@ class ExcavatorPayload(Task):
 
 
 class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Follow a motion with boom, arm and bucket of an excavator that holds a load nobody has weighed.
+    __doc__ = f"""Track a motion with boom, arm and bucket of an excavator that holds an unknown payload.
 
     After "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator". The
     machine is the attachment of `planners.excavator` in its vertical plane: boom 2.45 m, arm 1.40 m, bucket with its
@@ -259,9 +258,9 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
     of the attachment's joints 2 to 4. Centres of mass are off the links' axes, and the joints have viscous friction
     (1200, 700 and 250 N m s/rad).
 
-    Hidden in every episode, and found in no observation: the load (0 to 350 kg, uniform), where its centre is in the
-    bucket (off by up to 0.10 m and 0.08 m along either axis), and a factor of 0.7 to 1.5 on the friction. A controller
-    that takes the bucket for empty is 10 to 50 cm off with a heavy load.
+    Hidden in every episode: the payload (0 to 350 kg, uniform), the offset of its centre in the bucket (up to 0.10 m
+    and 0.08 m along either axis), and a factor of 0.7 to 1.5 on the friction. The tip error of a controller for the
+    empty bucket is 10 to 50 cm with a heavy payload.
 
     ## Action
     Three numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
@@ -276,48 +275,48 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
 
 {LAYOUT.table()}
 
-    At the start `last_torque` is what holds the empty machine.
+    At the start `last_torque` is the torque that holds the empty machine.
 
     ## Reference
     Quintics from rest to rest through waypoints drawn in boom [-10, 55], arm [-110, -40] and bucket [-20, 70] deg. Each
-    way takes 1 to 1.5 times the larger of 1.2 s and what 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s) allow; it is
-    drawn again where inverse dynamics with 350 kg ask for more than 85 % of a torque limit. The episode starts at rest
-    in the first waypoint.
-    `reset(options={{"scenario": "cycle"}})` is the lifting cycle of `planners.excavator.motion.WORK_CYCLE`, over and
-    over; `waypoints` and `arrival_times` set the motion by hand, and `payload`, `payload_offset` and `friction_scale`
-    what is hidden. A motion that the machine cannot make with 350 kg is refused with the reason.
+    segment takes 1 to 1.5 times the larger of 1.2 s and the time at 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s);
+    it is drawn again where inverse dynamics with 350 kg need more than 85 % of a torque limit. The episode starts at
+    rest at the first waypoint.
+    `reset(options={{"scenario": "cycle"}})` repeats the lifting cycle of `planners.excavator.motion.WORK_CYCLE`;
+    `waypoints` and `arrival_times` set the motion, and `payload`, `payload_offset` and `friction_scale` the hidden
+    quantities. A motion that the machine cannot make with 350 kg is refused with the reason.
 
     ## Reward
     The sum of three terms, which `info["reward_terms"]` holds. An episode without any error is worth {FULL_REWARD:g},
     which its steps share equally:
 
-    * `tracking`: a step's share times 1 - error / `reward_distance` (0.1 m), not below 0; the error is that of the tip
-      of the bucket as it really is, from where the reference has it.
+    * `tracking`: a step's share times 1 - error / `reward_distance` (0.1 m), not below 0; the error is the distance of
+      the true tip of the bucket from the reference's.
     * `smoothness`: minus a step's share times `smoothness_weight` x the square of the change of the action.
-    * `failure`: minus `failure_penalty` (2) where the episode ends early. All that the steps left could cost is 1.2, so
-      it never pays.
+    * `failure`: minus `failure_penalty` (2) where the episode ends early. The remaining steps could cost at most 1.2,
+      so a failure never pays.
 
     ## Level
     `level=2`: the drives follow the commanded torque with a lag of 30 ms, and the bucket is empty at first, picks the
-    load up at a time drawn from 3 to 5 s, and drops it between 8 and 9 s (shares of a `horizon` other than 12 s).
+    payload up at a time drawn from 3 to 5 s, and drops it between 8 and 9 s (in proportion for another `horizon`).
 
     ## End
     Truncated after `horizon` (12 s). Terminated, as a failure, where a joint is faster than 6 rad/s or 30 deg outside
     the range of the waypoints. Success: over the last two thirds of the episode (after 4 s) the root mean square of the
-    tip error is at most 5 mm, and the largest at most 15 mm. On level 2 the sixth of the episode (2 s) after the load
-    has changed is not judged either.
+    tip error is at most 5 mm, and the largest at most 15 mm. On level 2 the sixth of the episode (2 s) after a change
+    of the payload does not count either.
 
     ## Info
     | Key | When | Meaning |
     |---|---|---|
-    | `is_success` | always | whether the episode is over and was within both tolerances |
+    | `is_success` | always | whether the episode is over and stayed within both tolerances |
     | `reward_terms` | always | the three terms |
     | `success_easy` | at the end | whether it was within twice the tolerances |
     | `tip_rms` | at the end | root mean square of the tip error when judged, m; inf after a failure, like these: |
     | `tip_max` | at the end | largest tip error when judged, m |
     | `joint_rms` | at the end | root mean square of the joints' errors when judged, rad |
     | `waypoint_error` | at the end | largest distance of the tip from a waypoint when it was due, when judged, m |
-    | `payload_mass` | at the end | the load, kg |
+    | `payload_mass` | at the end | the payload, kg |
     | `friction_scale` | at the end | the factor on the friction |
     | `torque_l1` | at the end | integral of the summed absolute commanded torques, N m s |
     | `peak_torque` | at the end | largest commanded torque of any joint, N m |

@@ -1,4 +1,4 @@
-"""What no policy is told of an episode of ExcavatorPayload: the load, when the bucket holds it, and the friction."""
+"""Hidden quantities of an episode of ExcavatorPayload: payload, when the bucket holds it, and friction."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from planners.excavator import EXCAVATOR
 from planners.typing import Array
 
 OFFSET = np.array([0.10, 0.08])
-"""How far the centre of a load is drawn from where it should be, along either axis of the bucket, m."""
+"""Largest drawn offset of the payload's centre along either axis of the bucket, m."""
 FRICTION_SCALE = (0.7, 1.5)
-"""Between which the factor on the joints' friction is drawn."""
+"""Range of the factor on the joints' friction."""
 PICK, DROP = (0.25, 5.0 / 12.0), (2.0 / 3.0, 0.75)
-"""When a load that changes hands is picked up and dropped, shares of the episode: 3 to 5 s and 8 to 9 s of 12 s."""
+"""When level 2 picks up and drops the payload, shares of the episode: 3 to 5 s and 8 to 9 s of 12 s."""
 
 
 class Hidden(NamedTuple):
-    """Load (kg), shift of its centre (m), factor on the friction, and the steps at which it is picked up and dropped.
+    """Payload (kg), offset of its centre (m), factor on the friction, and the steps of picking up and dropping.
 
-    A load that is there from the beginning is picked up at step 0, one that stays to the end is dropped at step -1.
+    A payload present from the beginning has pick step 0; one that stays to the end has drop step -1.
     """
 
     payload: float
@@ -31,7 +31,7 @@ class Hidden(NamedTuple):
     drop_step: int
 
     def write(self, record: Any) -> None:
-        """Make it that of an environment's record."""
+        """Write it into an environment's record."""
         record["payload"], record["load_offset"], record["friction_scale"] = self[:3]
         record["pick_step"], record["drop_step"] = self[3:]
         record["payload_inertia"] = self.payload * EXCAVATOR.payload.gyration_square(self.payload)
@@ -39,18 +39,18 @@ class Hidden(NamedTuple):
 
 @dataclass(frozen=True)
 class HiddenDraw:
-    """The distribution of what is hidden.
+    """Distribution of the hidden quantities.
 
     Attributes:
-        lightest, heaviest: loads, kg.
+        lightest, heaviest: range of the payload, kg.
         steps: control periods of an episode.
-        changes_hands: whether the load is picked up and dropped on the way.
+        changes: whether the payload is picked up and dropped during the episode.
     """
 
     lightest: float
     heaviest: float
     steps: int
-    changes_hands: bool
+    changes: bool
 
     def draw(
         self,
@@ -59,14 +59,14 @@ class HiddenDraw:
         offset: tuple[float, float] | None = None,
         friction_scale: float | None = None,
     ) -> Hidden:
-        """Draw an episode's; what is given is not drawn, but as many numbers are asked for."""
+        """Draw those of an episode; the numbers drawn from the generator do not depend on what is given."""
         mass, x, y, friction, pick, drop = generator.random(6).tolist()
         return Hidden(
             _between((self.lightest, self.heaviest), mass) if payload is None else payload,
             OFFSET * (2.0 * np.array([x, y]) - 1.0) if offset is None else np.array(offset),
             _between(FRICTION_SCALE, friction) if friction_scale is None else friction_scale,
-            max(1, round(_between(PICK, pick) * self.steps)) if self.changes_hands else 0,
-            max(1, round(_between(DROP, drop) * self.steps)) if self.changes_hands else -1,
+            max(1, round(_between(PICK, pick) * self.steps)) if self.changes else 0,
+            max(1, round(_between(DROP, drop) * self.steps)) if self.changes else -1,
         )
 
 

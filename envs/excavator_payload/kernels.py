@@ -17,12 +17,12 @@ from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
 
 RESIDUAL_SHARE = np.array([0.4, 0.4, 0.3])
-"""Of the torque limits, what an action of 1 adds in residual mode."""
+"""Share of the torque limits that an action of 1 adds in residual mode."""
 
 FASTEST = 6.0
 """Joint velocity at which an episode ends as failed, rad/s."""
 STRAY = math.radians(30.0)
-"""How far outside the box of the waypoints a joint may be before it ends as failed, rad."""
+"""Distance outside the range of the waypoints at which an episode ends as failed, rad."""
 
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
@@ -47,7 +47,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("waypoint_error", "f8"),
     ("torque_l1", "f8"),
 ]
-"""What an environment's record holds for this task, beside its physics and its reference."""
+"""What an environment's record holds for this task, besides its physics and its reference."""
 
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
@@ -66,7 +66,7 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
 def reset_env(batch: Any, model: Any, index: int) -> None:
     """Begin an episode in one environment whose reference, payload and noise are already set.
 
-    The drives begin with what holds the empty machine in its posture, which tells nothing of a load.
+    The drives begin with the torque that holds the empty machine, which does not depend on the payload.
     """
     env, shared = batch[index], model[0]
     env.q[:] = env.waypoints[0]
@@ -118,12 +118,13 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _chain(shared: Any) -> tuple[Array, Array, Array, Array]:
-    """The empty machine as a controller knows it."""
+    """The dynamics of the empty machine."""
     return (shared.chain_frames, shared.chain_gravity, shared.chain_inertia, shared.chain_drives)
 
 
 @njit(cache=True, nogil=True)
 def _hold(env: Any, loaded: bool) -> None:
+    """Set the current load: the payload, or nothing."""
     env.load = env.payload if loaded else 0.0
     env.load_inertia = env.payload_inertia if loaded else 0.0
 
@@ -144,7 +145,7 @@ def _command(env: Any, shared: Any) -> float:
 
 @njit(cache=True, nogil=True)
 def _add_to_controller(env: Any, shared: Any) -> None:
-    """The controller's torques plus the action's, within the limits."""
+    """Write the controller's torques plus the action's, within the limits."""
     _empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, env.tau)
     for i in range(N_JOINTS):
         limit = shared.limits[0, i]
@@ -166,7 +167,7 @@ def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau:
 
 @njit(cache=True, nogil=True)
 def _measure(env: Any, shared: Any) -> None:
-    """The reference now, what is measured of the joints, and how far the tip really is from where it should be."""
+    """Update the reference, the noisy measurements of the joints, and the true tip error."""
     reference_at(env, shared, env.step, env.reference)
     env.measured[0] = env.q
     env.measured[1] = env.qd
@@ -178,7 +179,7 @@ def _measure(env: Any, shared: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _judge(env: Any) -> None:
-    """Count this step, unless the load is still too new to be known."""
+    """Add this step to the errors of the episode, unless the payload has changed too recently."""
     judged = env.step > env.judged_after
     if judged:
         env.judged_steps += 1
@@ -202,6 +203,7 @@ def _within(env: Any, shared: Any) -> bool:
 
 @njit(cache=True, nogil=True)
 def _ran_away(env: Any) -> bool:
+    """Whether a joint is too fast or too far outside the range of the waypoints."""
     for i in range(N_JOINTS):
         inside = LOWEST[i] - STRAY <= env.q[i] <= HIGHEST[i] + STRAY
         if not inside or abs(env.qd[i]) > FASTEST:

@@ -1,4 +1,4 @@
-"""Measurement noise fixed by a seed and a step: no state, the same bits in every environment and thread."""
+"""Measurement noise as a function of a seed and a step, so that it is the same in every batch and thread."""
 
 from __future__ import annotations
 
@@ -7,12 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
+from envs.hashing import GAMMA, to_unit
 from planners.typing import Array
-
-_SHIFTS = np.array([30, 27, 31, 11], dtype=np.uint64)
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)
-_FIRST_MIX, _SECOND_MIX = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_UNIT = 2.0**-53
 
 
 @njit(cache=True, nogil=True)
@@ -28,15 +24,8 @@ def normal_pair(seed: int, count: int) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def uniform(seed: int, count: int) -> float:
-    """The ``count``-th uniform number in [0, 1) of a ``seed``, by SplitMix64.
-
-    G. L. Steele, D. Lea and C. H. Flood, "Fast Splittable Pseudorandom Number Generators" (2014).
-    """
-    z = np.uint64(seed) + np.uint64(count + 1) * _GAMMA
-    z = (z ^ (z >> _SHIFTS[0])) * _FIRST_MIX
-    z = (z ^ (z >> _SHIFTS[1])) * _SECOND_MIX
-    z = z ^ (z >> _SHIFTS[2])
-    return float(z >> _SHIFTS[3]) * _UNIT
+    """The ``count``-th number of SplitMix64 with a ``seed``, in [0, 1)."""
+    return float(to_unit(np.uint64(seed) + np.uint64(count + 1) * GAMMA))
 
 
 @njit(cache=True, nogil=True)

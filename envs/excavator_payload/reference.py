@@ -1,8 +1,8 @@
-"""The motion that ExcavatorPayload asks for: quintics from rest to rest through waypoints, drawn or given by hand.
+"""The reference motion of ExcavatorPayload: quintics from rest to rest through waypoints, drawn or given.
 
-Every way between two waypoints is one that the machine can make with the heaviest load: that is checked by inverse
-dynamics along it. A way that fails is drawn again; when the numbers drawn for an episode are used up, the machine
-stands still for the rest of it, so that drawing always ends.
+The machine can follow every segment between two waypoints with the heaviest payload: inverse dynamics along it say so.
+A segment that fails is drawn again; when the numbers drawn for an episode are used up, the reference stands still for
+the rest of it, so drawing always ends.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ HIGHEST = np.radians([55.0, -40.0, 70.0])
 """Where waypoints are drawn: angles of boom, arm and bucket, rad."""
 
 HEAVIEST = 350.0
-"""Load with which every way must be possible, kg."""
+"""Payload with which every segment must be possible, kg."""
 
 TORQUE_SHARE, SPEED_SHARE = 0.85, 0.85
 """Of the limits, used by what is drawn."""
 LEAST_TIME = 1.2
-"""Of a way between two waypoints, s."""
+"""Least duration of a segment between two waypoints, s."""
 LONGEST_STRETCH = 1.5
-"""Factor up to which a way is slower than it need be."""
+"""Largest drawn duration of a segment over the least one."""
 
 QUINTIC_PEAK = 1.875
 """Peak speed of a quintic from rest to rest over its mean speed."""
 
 LOOKAHEAD = (0.1, 0.2, 0.4)
-"""How far ahead the reference is observed, s."""
+"""Times ahead at which the reference is observed, s."""
 
 _SAMPLES = 16
-_TRIES_A_WAY = 5
+_TRIES_PER_SEGMENT = 5
 
 LONGEST_HORIZON = 60.0
-"""Of an episode, s."""
+"""Longest episode, s."""
 MOST_WAYPOINTS = math.ceil((LONGEST_HORIZON + max(LOOKAHEAD)) / LEAST_TIME) + 2
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
@@ -56,7 +56,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("due", "i8", (MOST_WAYPOINTS,)),
     ("n_waypoints", "i8"),
 ]
-"""What an environment's record holds of its reference: where, and after how many control periods."""
+"""Fields of an environment's record for its reference: waypoints, and the control periods at which they are due."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("chain_frames", "f8", (N_JOINTS, 4)),
@@ -65,12 +65,12 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("chain_drives", "f8", (N_JOINTS, 2)),
     ("heaviest", "f8", (10,)),
 ]
-"""What the model record holds of the dynamics that a controller knows, and the heaviest load."""
+"""Fields of the model record for the dynamics of the empty machine, and the heaviest payload."""
 
 
 def numbers_needed(horizon: float) -> tuple[int, int]:
     """Shape of the random numbers from which a reference of ``horizon`` s is drawn."""
-    return _TRIES_A_WAY * math.ceil(1.0 + horizon / LEAST_TIME), N_JOINTS + 1
+    return _TRIES_PER_SEGMENT * math.ceil(1.0 + horizon / LEAST_TIME), N_JOINTS + 1
 
 
 def fill_dynamics(model: Records) -> None:
@@ -88,13 +88,13 @@ class Waypoints(NamedTuple):
     due: NDArray[np.int64]
 
     def write(self, record: Any) -> None:
-        """Make them the reference of an environment's record."""
+        """Write them into an environment's record."""
         count = len(self.due)
         record["waypoints"][:count], record["due"][:count], record["n_waypoints"] = self.angles, self.due, count
 
 
 def work_cycle(model: Records, horizon: float) -> Waypoints:
-    """Boom, arm and bucket of `planners.excavator.motion.WORK_CYCLE`, over and over for ``horizon`` s."""
+    """Boom, arm and bucket of `planners.excavator.motion.WORK_CYCLE`, repeated for ``horizon`` s."""
     rounds = math.ceil((horizon + max(LOOKAHEAD)) / WORK_CYCLE.period)
     angles = np.tile(WORK_CYCLE.postures[:, JOINTS], (rounds, 1))
     times = np.cumsum(np.tile(WORK_CYCLE.durations, rounds))
@@ -103,45 +103,43 @@ def work_cycle(model: Records, horizon: float) -> Waypoints:
 
 
 def given_waypoints(model: Records, angles: Array, times: Sequence[float] | None) -> Waypoints:
-    """Waypoints by hand, once it is known that the machine can follow them with the heaviest load.
+    """Given waypoints, checked to be feasible with the heaviest payload.
 
     Args:
         model: the model record.
-        angles: of the waypoints, ``(k, 3)``, rad; the first is where the episode starts.
-        times: when the others are due, s; when left out as soon as `SPEED_SHARE` of the speed limits allows.
+        angles: joint angles of the waypoints, ``(k, 3)``, rad; the episode starts at the first.
+        times: when the others are due, s; None for as early as `SPEED_SHARE` of the speed limits allows.
 
     Raises:
-        ValueError: if a waypoint is out of its range, a time is no whole number of control periods or no later than
-            the one before, or a way asks more than the limits allow.
+        ValueError: if a waypoint is out of its range, a time is not a multiple of the control period or not later than
+            the one before, or a segment needs more than the limits allow.
     """
     period = float(model["control_period"][0])
     if not 2 <= len(angles) <= MOST_WAYPOINTS:
-        raise ValueError(
-            f"{len(angles)} waypoints; give 2 to {MOST_WAYPOINTS}, the first being where the episode starts"
-        )
+        raise ValueError(f"{len(angles)} waypoints; give 2 to {MOST_WAYPOINTS}; the episode starts at the first")
     for number, posture in enumerate(angles):
         if not ((posture >= LOWEST - 1e-9) & (posture <= HIGHEST + 1e-9)).all():
             ranges = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in zip(LOWEST, HIGHEST, strict=True))
             raise ValueError(f"waypoint {number} {posture.tolist()} rad is outside the ranges {ranges} rad")
-    ways = list(pairwise(angles))
+    segments = list(pairwise(angles))
     if times is None:
-        durations = [math.ceil(quickest_time(model[0], *way) / period - 1e-9) for way in ways]
+        durations = [math.ceil(least_duration(model[0], *segment) / period - 1e-9) for segment in segments]
     else:
-        durations = _whole_durations(times, len(ways), period)
-    for number, (way, steps) in enumerate(zip(ways, durations, strict=True), start=1):
-        torque, speed = examine_way(model[0], *way, steps * period)
+        durations = _whole_durations(times, len(segments), period)
+    for number, (segment, steps) in enumerate(zip(segments, durations, strict=True), start=1):
+        torque, speed = segment_ratios(model[0], *segment, steps * period)
         if max(torque, speed) > 1.0 + 1e-9:
             raise ValueError(
-                f"the way to waypoint {number} in {steps * period:g} s needs {torque:.2f} of a torque limit with "
+                f"the segment to waypoint {number} in {steps * period:g} s needs {torque:.2f} of a torque limit with "
                 f"{HEAVIEST:g} kg and {speed:.2f} of a speed limit; give it more time"
             )
     return Waypoints(angles, np.concatenate([[0], np.cumsum(durations)]).astype(np.int64))
 
 
-def _whole_durations(times: Sequence[float], ways: int, period: float) -> list[int]:
+def _whole_durations(times: Sequence[float], count: int, period: float) -> list[int]:
     """Control periods between one arrival time and the next."""
-    if len(times) != ways:
-        raise ValueError(f"{len(times)} arrival_times for {ways + 1} waypoints; give one for each after the first")
+    if len(times) != count:
+        raise ValueError(f"{len(times)} arrival_times for {count + 1} waypoints; give one for each after the first")
     due = np.array(times) / period
     if (np.abs(due - np.rint(due)) > 1e-6).any():
         raise ValueError(f"arrival_times {list(times)} s must be multiples of the control period, {period:g} s")
@@ -168,8 +166,8 @@ def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
             candidate = LOWEST + numbers[row, :N_JOINTS] * (HIGHEST - LOWEST)
             stretch = 1.0 + (LONGEST_STRETCH - 1.0) * numbers[row, N_JOINTS]
             row += 1
-            drawn = math.ceil(stretch * quickest_time(shared, before, candidate) / shared.control_period - 1e-9)
-            torque, _ = examine_way(shared, before, candidate, drawn * shared.control_period)
+            drawn = math.ceil(stretch * least_duration(shared, before, candidate) / shared.control_period - 1e-9)
+            torque, _ = segment_ratios(shared, before, candidate, drawn * shared.control_period)
             if torque <= TORQUE_SHARE:
                 waypoints[count], steps = candidate, drawn
                 break
@@ -179,8 +177,8 @@ def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def quickest_time(model: Any, start: Array, end: Array) -> float:
-    """Time of a way that uses `SPEED_SHARE` of the speed limits, and is no shorter than `LEAST_TIME`, s."""
+def least_duration(model: Any, start: Array, end: Array) -> float:
+    """Duration of a segment at `SPEED_SHARE` of the speed limits, at least `LEAST_TIME`, s."""
     time = LEAST_TIME
     for i in range(start.shape[0]):
         time = max(time, QUINTIC_PEAK * abs(end[i] - start[i]) / (SPEED_SHARE * model.limits[1, i]))
@@ -188,14 +186,14 @@ def quickest_time(model: Any, start: Array, end: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def examine_way(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
-    """What a way asks of the machine with the heaviest load: worst torque over limit, and worst speed over limit."""
+def segment_ratios(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
+    """Worst torque over limit and worst speed over limit along a segment with the heaviest payload."""
     n = start.shape[0]
     chain = (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
     motion, tau = np.empty((3, n)), np.empty(n)
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):
-        follow_way(start, end, sample / _SAMPLES, duration, motion)
+        segment_motion(start, end, sample / _SAMPLES, duration, motion)
         torque_single(chain, model.heaviest, motion[0], motion[1], motion[1], motion[2], tau)
         for i in range(n):
             torque = max(torque, abs(tau[i]) / model.limits[0, i])
@@ -211,11 +209,11 @@ def reference_at(env: Any, model: Any, step: float, motion: Array) -> None:
         leg += 1
     steps = due[leg] - due[leg - 1]
     share = min(1.0, (step - due[leg - 1]) / steps)
-    follow_way(env.waypoints[leg - 1], env.waypoints[leg], share, steps * model.control_period, motion)
+    segment_motion(env.waypoints[leg - 1], env.waypoints[leg], share, steps * model.control_period, motion)
 
 
 @njit(cache=True, nogil=True)
-def follow_way(start: Array, end: Array, share: float, duration: float, motion: Array) -> None:
+def segment_motion(start: Array, end: Array, share: float, duration: float, motion: Array) -> None:
     """The quintic from rest to rest at a ``share`` of its duration, written to ``motion``."""
     s = share
     for i in range(start.shape[0]):

@@ -1,9 +1,7 @@
-"""The physics of boom, arm and bucket: centres of mass off the links' axes, friction, lag, and a load that changes.
+"""The physics of boom, arm and bucket: centres of mass off the links' axes, friction, lag, and a changing load.
 
-The bodies and joints are those of `envs.physics.world`, and so is the step. A body's own frame is its link's frame
-here, with
-the origin at its joint, and Chipmunk is told where in it the centre of mass is: a load moves that centre, and neither
-the frame nor the joint.
+The bodies, joints and steps are those of `envs.physics.world`. Here a body's frame is its link's frame, with the origin
+at its joint, and Chipmunk stores the centre of mass in it: a load moves that centre, but neither frame nor joint.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("bucket_com", "f8", (2,)),
     ("drive_torque", "f8", (N_JOINTS,)),
 ]
-"""What an environment's record holds for the physics: its load (mass, inertia, offset of its centre) and its drives."""
+"""Fields of an environment's record for the physics: current load (mass, inertia, offset of its centre) and drives."""
 
 MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("body_masses", "f8", (N_JOINTS,)),
@@ -41,11 +39,11 @@ MODEL_FIELDS: list[tuple[Any, ...]] = [
     ("lag_left", "f8"),
     ("lag_mean", "f8"),
 ]
-"""What the model record holds for the physics: the machine, and what of a lag is left after a step and over it."""
+"""Fields of the model record for the physics: the machine, and the lag's decay after a step and its mean over it."""
 
 
 def fill_machine(model: Records, lag: float, machine: Excavator = EXCAVATOR) -> None:
-    """Write `MODEL_FIELDS` of the model record, whose physics step is already there; ``lag`` of the drives in s."""
+    """Write `MODEL_FIELDS` of a model record with its physics step set; ``lag`` is that of the drives, s."""
     bodies = planar_bodies(machine)
     model["body_masses"], model["body_coms"], model["body_inertias"] = bodies.masses, bodies.coms, bodies.inertias
     model["load_com"], model["tip_place"] = bodies.payload_com, bodies.tip
@@ -63,7 +61,7 @@ def place_links(env: Any, model: Any) -> None:
         chipmunk.body_set_mass(env.links[i], model.body_masses[i])
         chipmunk.body_set_moment(env.links[i], model.body_inertias[i])
         chipmunk.body_set_center_of_gravity(env.links[i], model.body_coms[i, 0], model.body_coms[i, 1])
-    _weigh_bucket(env, model)
+    _fill_bucket(env, model)
     phi = w = vx = vy = 0.0
     x, y = model.base[0], model.base[1]
     for i in range(n):
@@ -91,13 +89,13 @@ def place_links(env: Any, model: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def change_load(env: Any, model: Any) -> None:
-    """Let the bucket go on as it moves with another load, ``environment.load`` and ``environment.load_inertia``."""
+    """Change the load of the moving bucket to ``env.load`` and ``env.load_inertia``."""
     bucket = env.links[env.q.shape[0] - 1]
     x, y = chipmunk.body_get_position(bucket)
     vx, vy = chipmunk.body_get_velocity(bucket)
     old_x, old_y = env.bucket_com[0], env.bucket_com[1]
-    _weigh_bucket(env, model)
-    # The centre of mass has jumped: without these two lines the frame would instead, and the centre keep its velocity.
+    _fill_bucket(env, model)
+    # The centre of mass has moved in the frame: keep the frame in place, and give the centre its own velocity.
     chipmunk.body_set_position(bucket, x, y)
     phi, w = chipmunk.body_get_angle(bucket), chipmunk.body_get_angular_velocity(bucket)
     phi += w * model.position_lag
@@ -107,8 +105,8 @@ def change_load(env: Any, model: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _weigh_bucket(env: Any, model: Any) -> None:
-    """Make the last body bucket and load in one."""
+def _fill_bucket(env: Any, model: Any) -> None:
+    """Give the last body the mass properties of bucket and load together."""
     last = env.q.shape[0] - 1
     mass = model.body_masses[last] + env.load
     inertia = model.body_inertias[last] + env.load_inertia
@@ -126,9 +124,9 @@ def _weigh_bucket(env: Any, model: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def advance_links(env: Any, model: Any) -> None:
-    """Advance one environment by one control period under the commanded torques ``environment.tau``; updates q and qd.
+    """Advance one environment by one control period under the commanded torques ``env.tau``; updates q and qd.
 
-    The drives follow the command with their lag; the friction of the joints is taken off in every physics step.
+    The drives follow the command with their lag; the friction of the joints is subtracted in every physics step.
     """
     n = env.q.shape[0]
     net = np.empty(n)

@@ -1,4 +1,4 @@
-"""MinTorqueMove: bring a three-link arm from rest to rest in a given time, spending as little torque as possible."""
+"""MinTorqueMove: move a three-link arm from rest to rest in a given time with as little torque as possible."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class MinTorqueMoveOptions(Settings):
 
 
 PAPER_MOVE = Move(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0)
-"""The move of the paper's examples, made one from rest to rest."""
+"""The move of the paper's examples, but from rest to rest."""
 
 LAYOUT = Layout(
     (
@@ -180,7 +180,7 @@ class MinTorqueMove(Task):
 
 
 class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Bring a three-link arm from rest to rest in a given time, spending as little torque as possible.
+    __doc__ = f"""Move a three-link arm from rest to rest in a given time with as little torque as possible.
 
     From L. P. Luo, S. W. Hwang and C. S. Han, "Trajectory planning for torque minimization of robot manipulators using
     the Lagrange interpolation method". The arm (`planners.PLANAR_3R`: 0.2, 0.4 and 0.2 m; 1, 2 and 1 kg) moves in the
@@ -194,8 +194,8 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
     * `"motion"`: {SHAPES} coefficients for each joint in turn, in units of {SHAPE_SCALE:g}, {SHAPE_SCALE:g}/2, ...
       rad, which bend the quintic from start to goal (`planners.motion.time_laws`). The first action of an episode is
-      the whole motion: computed torque follows it to the end, and later actions are not looked at.
-      No expert acts in this mode.
+      the whole motion: computed torque tracks it to the end, and later actions are ignored. No expert acts in this
+      mode.
 
     ## Observation
     Each element is a physical value divided by a fixed scale, clipped at the bound.
@@ -205,20 +205,20 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     ## Reward
     The sum of three terms, which `info["reward_terms"]` holds:
 
-    * `effort`: minus the torque spent in the period, the integral of the summed absolute torques, divided by what a
-      quintic spends on the whole move: an episode's sum is -1 for a move as good as the quintic.
+    * `effort`: minus the integral of the summed absolute torques over the period, divided by that of a quintic over
+      the whole move: an episode's sum is -1 for a move as good as the quintic.
     * `goal`: at the end, 0 within tolerance; otherwise minus `miss_penalty` x (1 to 2, by the logarithm of the error).
-      Missing the goal costs at least 2, twice what the quintic spends on reaching it, so it is never worth it.
+      Missing the goal costs at least 2, twice the effort of the quintic, so it never pays.
     * `limits`: for each control period outside a joint range, minus `limit_penalty` x (1 + excess, at most 2).
 
     ## Start
     `reset(options={{"scenario": "paper"}})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
-    goal and duration are drawn, long moves and folded postures among them, and the duration is such that the quintic,
-    which stays within the joint ranges, keeps the torque limits: that is how each is known to be solvable. `start`,
-    `goal` and `duration` set any of these by hand; what the planners cannot solve is refused with the reason.
+    goal and duration are drawn, long moves and folded postures among them; the quintic keeps the torque limits and the
+    joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these; a move that the planners cannot
+    solve is refused with the reason.
 
     ## End
-    Terminated when the duration is over: that is the end of the task, and the observation holds the time left.
+    Terminated when the duration is over: the task ends there, and the observation holds the time left.
     Success: every joint within 0.02 rad of the goal and at 0.05 rad/s or less.
 
     ## Info

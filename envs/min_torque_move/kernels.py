@@ -16,11 +16,11 @@ from planners.quintic import quintic_effort
 from planners.typing import Array
 
 MAX_MISS = 1000.0
-"""Error at the end, in tolerances, from which on a miss costs no more."""
+"""Error at the end, in tolerances, from which on the cost of a miss is constant."""
 
 SHAPE_SCALE = 5.0
-"""What an action of 1 stands for where actions are coefficients of a motion, rad; of polynomial k, divided by k + 1,
-because the higher it is, the more torque it takes."""
+"""Scale of the actions that are coefficients of a motion, rad; divided by k + 1 for polynomial k, because higher ones
+take more torque."""
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
     ("start", "f8", (3,)),
@@ -86,7 +86,7 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _follow_motion(env: Any, shared: Any) -> Array:
-    """Shares of the torque limits that follow the motion which the first action of the episode has chosen."""
+    """Shares of the torque limits that track the motion chosen by the first action of the episode."""
     n, period = env.q.shape[0], shared.control_period
     if env.step == 0:
         for i in range(n):
@@ -113,7 +113,7 @@ def _miss_cost(miss: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _measure_errors(env: Any) -> None:
-    """The largest error of any joint."""
+    """Largest errors of any joint."""
     env.angle_error = env.velocity_error = 0.0
     for i in range(env.q.shape[0]):
         env.angle_error = max(env.angle_error, abs(env.q[i] - env.goal[i]))

@@ -1,4 +1,4 @@
-"""Random rest-to-rest moves that are known to be solvable: a quintic motion solves them with torque to spare.
+"""Random rest-to-rest moves that are solvable: a quintic motion solves them within the torque limits.
 
 Start and goal are uniform over the joint ranges (so folded postures and long moves are among them); the time of the
 move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits. Along a quintic of duration T
@@ -20,13 +20,13 @@ from planners.robot.presets import PLANAR_3R
 from planners.typing import Array
 
 LEAST_SHARE, MOST_SHARE = 0.3, 0.9
-"""Of the torque limits, that the quintic needs."""
+"""Range of the share of the torque limits that the quintic needs."""
 
 MOST_HELD = 0.8
-"""How much of that share the weight alone may take: the less is left to accelerate with, the longer the move lasts."""
+"""Largest part of that share that the weight alone may take; the rest accelerates the arm."""
 
 SHORTEST = 0.2
-"""Least time of a move, s; so short only where start and goal are close together."""
+"""Least time of a move, s."""
 
 _TRIES = 1000
 _S = np.linspace(0.0, 1.0, 33)
@@ -46,21 +46,21 @@ def random_move(
 ) -> Move:
     """One random move of an arm.
 
-    Joints without a range start anywhere in [-pi, pi] and move by up to pi either way. Where standing still somewhere
-    on the way takes most of the share already, or the time becomes too long, another start and goal are drawn.
+    Joints without a range start anywhere in [-pi, pi] and move by up to pi either way. Start and goal are drawn again
+    where the weight alone takes most of the share, or the time becomes too long.
 
     Args:
-        generator: where the randomness comes from.
-        arm: with finite torque limits; no others but joint ranges are looked at.
+        generator: source of random numbers.
+        arm: an arm with finite torque limits; of the others only the joint ranges count.
         period: the duration is rounded up to a multiple of it, s; longer never takes more torque.
         longest: duration allowed, s.
 
     Raises:
-        ValueError: if the arm has a joint without torque limit, or hardly a move that fits.
+        ValueError: if the arm has a joint without torque limit, or no drawn move fits.
     """
     torque, ranges = np.array(arm.limits.torque), np.array(arm.limits.angle)
     if not np.isfinite(torque).all():
-        raise ValueError(f"{arm.name} has torque limits {arm.limits.torque}; they decide the time: all must be finite")
+        raise ValueError(f"{arm.name} has torque limits {arm.limits.torque}; all must be finite")
     free = ~np.isfinite(ranges)
     bound = np.where(free, np.pi, ranges)
     for _ in range(_TRIES):
@@ -83,7 +83,7 @@ def random_move(
 
 
 def random_moves(n: int, seed: int, arm: Arm = PLANAR_3R) -> list[MotionProblem]:
-    """``n`` problems that `random_move` poses, the same for the same seed."""
+    """``n`` planning problems from `random_move`, fixed by the seed."""
     generator = np.random.default_rng(seed)
     moves = [random_move(generator, arm) for _ in range(n)]
     return [MotionProblem(arm, move.start, FixedJoints(move.goal), move.duration) for move in moves]

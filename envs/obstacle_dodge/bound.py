@@ -1,7 +1,7 @@
-"""The bound of ObstacleDodge-v0: how soon a motion that knows the obstacles' whole paths can be at the goal.
+"""The bound of ObstacleDodge-v0: the least time to the goal of a motion that knows the obstacles' whole paths.
 
-Found by a search in space and time (:mod:`planners.motion.spacetime`) within the limits that planners are given, half
-of the arm's acceleration. ``python -m tools.dodge_bound`` stores the results of the first seeds in ``bound.json``.
+It is found by a search in space and time (:mod:`planners.motion.spacetime`) within the limits of the planners, half of
+the arm's acceleration. ``python -m tools.dodge_bound`` stores the results of the first seeds in ``bound.json``.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ ENV_ID = "ObstacleDodge-v0"
 FILE = Path(__file__).with_name("bound.json")
 
 SETTINGS: dict[str, Any] = {"time_steps": [0.2, 0.1], "gap": 0.05, "margin": spacetime.MARGIN, "nodes": 2_000_000}
-"""Of `planners.motion.spacetime.search`."""
+"""Arguments of `planners.motion.spacetime.search`."""
 
 LETTERS: dict[spacetime.Verdict, str] = {"found": "f", "exhausted": "x", "gave up": "?"}
-"""How the file writes verdicts, one letter a seed."""
+"""Verdicts in the file, one letter per seed."""
 
 
 @dataclass
 class Bounds:
-    """What is known of the seeds 0, 1, 2, ...
+    """Results of the seeds 0, 1, 2, ...
 
     Attributes:
-        recipe: how it was found.
-        verdicts: a letter a seed; see `LETTERS`.
+        recipe: settings and versions of the search.
+        verdicts: one letter per seed; see `LETTERS`.
         time_to_goal: as the environment counts it, s; None without a motion.
-        lower_bound: times before which no motion of the finest lattice is there, s; None where none exists at all.
+        lower_bound: time before which no motion of the finest lattice arrives, s; None where none exists at all.
     """
 
     recipe: dict[str, Any]
@@ -50,7 +50,7 @@ class Bounds:
 
 
 def solve(env: Any, env_index: int) -> spacetime.Answer:
-    """The earliest motion for the episode that an environment of a vector environment is at the start of."""
+    """The earliest motion in an environment of a vector environment that is at the start of an episode."""
     record, config, problem = env.task.batch[env_index], env.task.config, env.motion_problem(env_index)
     return spacetime.search(
         problem.arm,
@@ -70,8 +70,7 @@ def solve(env: Any, env_index: int) -> spacetime.Answer:
 def stored_bound(seeds: Sequence[int]) -> Array:
     """Stored times to the goal, ``(len(seeds),)``, s.
 
-    inf where no motion exists at the lattice's resolution; NaN where none is known but none is ruled out, and where
-    nothing is stored.
+    inf where no motion exists at the lattice's resolution; NaN where the search was inconclusive or nothing is stored.
     """
     bounds = load()
     ruled_out = LETTERS["exhausted"]
@@ -83,7 +82,7 @@ def stored_bound(seeds: Sequence[int]) -> Array:
 
 
 def time_to_goal(env: Any, env_index: int, seed: int) -> float:
-    """The bound of an episode at its start, s: stored if it is the seed's own, else searched for.
+    """The bound of an episode at its start, s: stored, or searched for if settings or options change the episode.
 
     inf where no motion was found.
     """
@@ -94,7 +93,7 @@ def time_to_goal(env: Any, env_index: int, seed: int) -> float:
 
 
 def _is_standard(record: Any, seed: int) -> bool:
-    """Whether an episode is what the seed alone gives, without other settings or options."""
+    """Whether an episode is that of the seed with default settings and options."""
     standard: Any = _standard_env().unwrapped
     standard.reset(seed=seed)
     own = standard.task.batch[0]
@@ -114,7 +113,7 @@ def load() -> Bounds:
 
 
 def as_seen(answer: spacetime.Answer, env: Any) -> float | None:
-    """The time to the goal by the environment's clock, which looks at the end of every control period only, s."""
+    """The time to the goal as the environment counts it, at the ends of control periods, s."""
     if answer.trajectory is None:
         return None
     period: float = env.task.config.control_period

@@ -166,7 +166,7 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     __doc__ = f"""Bring the hand to a goal and hold it there while a disc moves at random through the workspace.
 
     From T. H. Kim, M. S. Park, S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot". The
-    paper guards the hand alone; here no part of the arm may be touched. The arm (`planners.SCARA_50CM`: two 0.5 m,
+    paper protects the hand alone; here no part of the arm may touch a disc. The arm (`planners.SCARA_50CM`: two 0.5 m,
     2 kg rods, capsules of 45 mm radius) moves in the horizontal plane.
 
     ## Action
@@ -175,18 +175,18 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     of the period, as nearly as the limits allow: all of them hold by construction).
 
     ## Observation
-    Each element is a physical value divided by a fixed scale, clipped at the bound. With `num_obstacles` discs the
-    entries of the discs are as many times as long.
+    Each element is a physical value divided by a fixed scale, clipped at the bound. The entries of
+    the discs grow with `num_obstacles`.
 
 {layout(1).table()}
 
     ## Reward
     The sum of five terms, which `info["reward_terms"]` holds:
 
-    * `progress`: how much closer the hand has come to the goal, as a share of the distance at the start.
-    * `goal`: 1 at success, and as much more as there is time left (a share of the horizon).
-    * `clearance`: with less than `clearance_margin` (0.1 m) between arm and disc, minus `clearance_weight` a second,
-      in proportion to what is missing.
+    * `progress`: decrease of the distance to the goal, as a share of the distance at the start.
+    * `goal`: at success 1 plus the time left as a share of the horizon.
+    * `clearance`: with less than `clearance_margin` (0.1 m) between arm and disc, minus `clearance_weight` per second,
+      in proportion to the missing clearance.
     * `collision`: minus `collision_penalty` (2).
     * `limits`: for each control period in which a limit of velocity, acceleration or joint range is broken by more than
       `limit_tolerance`, minus `limit_penalty` x (1 + excess, at most 2).
@@ -196,11 +196,10 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     which it can reach on the same side of the elbow. The disc (radius {OBSTACLE_RADIUS:g} m, {SLOWEST:g} to
     {FASTEST:g} m/s, {NEAREST:g} to {FARTHEST:g} m from the base) begins with {SPAWN_CLEARANCE:g} m or more between it
     and the arm, and the goal; it moves in legs between waypoints, in straight passes, or wanders, one third each,
-    mostly aimed at where the arm would be if it moved straight to its goal (`envs.obstacle_dodge.paths`). The path is
-    drawn
-    whole at reset: a seed fixes it. `reset(options={{"scenario": "paper"}})` is a fixed crossing, as in the paper's
-    figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`, `obstacle_radius` and `obstacle_paths` set any of
-    these by hand.
+    mostly aimed at where the arm would be if it moved straight to its goal (`envs.obstacle_dodge.paths`). The whole
+    path is drawn at reset: a seed fixes it. `reset(options={{"scenario": "paper"}})` is a fixed crossing, as in the
+    paper's figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`, `obstacle_radius` and `obstacle_paths` fix any
+    of these.
 
     ## End
     Terminated by a collision: the surfaces of disc and arm touch, measured after every physics step. Terminated by
@@ -211,9 +210,9 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     |---|---|---|
     | `is_success` | always | whether the goal has been held for the hold time |
     | `reward_terms` | always | the five terms |
-    | `collision` | at the end | whether the arm has been touched |
+    | `collision` | at the end | whether the arm has touched a disc |
     | `min_clearance` | at the end | least distance between the surfaces of arm and disc, m; negative in a collision |
-    | `time_to_goal` | at the end | from when on the hand was at the goal, s; inf if there was no success |
+    | `time_to_goal` | at the end | time from which on the hand was at the goal, s; inf without success |
     | `goal_distance` | at the end | from the hand to the goal, m |
     | `limit_ratio` | at the end | worst value / limit of all kinds |
     | `limit_ratios` | at the end | worst value / limit of each kind |

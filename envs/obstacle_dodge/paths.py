@@ -1,12 +1,12 @@
-"""How discs move about an arm: random paths, each drawn whole before the episode begins.
+"""Random paths of discs around an arm, each drawn whole before the episode begins.
 
 A path is the centre of a disc at every `PATH_STEP`, straight in between. Three kinds are drawn:
 
-* ``waypoints``: legs between points, most of them aimed at the arm and on through it.
-* ``passes``: straight through the workspace, aimed at the arm, on to the rim or the base, and back again.
-* ``wander``: a velocity that wanders around zero, between soft walls.
+* ``waypoints``: legs between points, most of them aimed at the arm and ending behind it.
+* ``passes``: straight through the workspace, aimed at the arm, to the rim or the base, and back again.
+* ``wander``: a random velocity around zero, between soft walls.
 
-To aim is to lead: at a point of the arm where it will be, if it moves straight to its goal, when the disc arrives.
+A disc is aimed at the place of a point of the arm at the disc's arrival, if the arm moves straight to its goal.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ PATH_STEP = 0.01
 """Time between two samples of a path, s."""
 
 NEAREST, FARTHEST = 0.32, 1.3
-"""How close to the base of the arm and how far from it the centre of a disc may be, m."""
+"""Least and largest distance of the centre of a disc from the base of the arm, m."""
 
 SLOWEST, FASTEST = 0.2, 1.0
-"""Range of the speeds that are drawn, m/s."""
+"""Range of the drawn speeds, m/s."""
 
 LAG = 0.2
-"""Time constant with which a disc takes on the velocity it is to have, s."""
+"""Time constant with which a disc follows its commanded velocity, s."""
 
 SPAWN_CLEARANCE = 0.30
 """Least distance between disc and arm at the start, m."""
@@ -45,34 +45,34 @@ AIMED = 0.7
 """Share of the legs between waypoints, after the first, that are aimed at the arm; the first always is."""
 
 ARRIVED = 0.15
-"""Distance to the end of a leg at which the next begins, m."""
+"""Distance from the end of a leg at which the next begins, m."""
 
 AIMS = 8
-"""Number of points of the arm that are tried for one that the base does not hide."""
+"""Number of points of the arm to try for one that the base does not hide."""
 
 SHORTEST_LEG = 0.3
 """Least length of a leg, m."""
 
 CORRELATION_TIME, WANDER_SPEED = 0.8, 0.8
-"""Of a wandering velocity: how long it remembers itself, s, and the root of its mean square, m/s."""
+"""Correlation time, s, and root mean square, m/s, of a wandering velocity."""
 
 WALL, WALL_STIFFNESS = 0.15, 12.0
-"""Width of the soft walls in front of NEAREST and FARTHEST, m, and how they push, 1/s^2."""
+"""Width of the soft walls in front of NEAREST and FARTHEST, m, and their stiffness, 1/s^2."""
 
 LEAD_ITERATIONS = 6
-"""Rounds of the fixed point: the place that is aimed at decides the time of arrival, and that the place."""
+"""Fixed-point iterations between the place of an aim and the time of arrival there."""
 
 
 class StraightMove(NamedTuple):
-    """A two-link arm that moves straight to its goal in joint space; see `planners.motion.time_laws.trapezoid`.
+    """A straight motion of a two-link arm in joint space; see `planners.motion.time_laws.trapezoid`.
 
     Attributes:
-        lengths: of the links, ``(2,)``, m.
-        link_radius: m.
+        lengths: lengths of the links, ``(2,)``, m.
+        link_radius: radius of the links, m.
         start: posture at time 0, ``(2,)``, rad.
-        change: how far to go, ``(2,)``, rad.
-        top, ramp: of the trapezoid, 1/s and s.
-        goal: where the hand arrives, ``(2,)``, m.
+        change: change of the posture, ``(2,)``, rad.
+        top, ramp: top speed, 1/s, and ramp time, s, of the trapezoid.
+        goal: final position of the hand, ``(2,)``, m.
     """
 
     lengths: Array
@@ -98,10 +98,10 @@ def draw_path(generator: Any, kind: int, speed: float, radius: float, move: Stra
     Args:
         generator: a NumPy generator.
         kind: index into `KINDS`.
-        speed: of the disc, m/s; drawn where NaN.
-        radius: of the disc, m.
-        move: what the disc is aimed at.
-        path: the samples, filled in, ``(samples, 2)``, m.
+        speed: speed of the disc, m/s; drawn where NaN.
+        radius: radius of the disc, m.
+        move: motion of the arm at which the disc is aimed.
+        path: samples of the path, filled in, ``(samples, 2)``, m.
     """
     x, y = _spawn(generator, radius, move)
     if kind == _WANDER:
@@ -112,7 +112,7 @@ def draw_path(generator: Any, kind: int, speed: float, radius: float, move: Stra
 
 @njit(cache=True, nogil=True)
 def _spawn(generator: Any, radius: float, move: StraightMove) -> tuple[float, float]:
-    """Where a disc begins: clear of the arm, and not on the goal."""
+    """Draw a start position of a disc, clear of the arm and of the goal."""
     base = np.zeros(2)
     while True:
         x, y = _anywhere(generator, NEAREST + WALL, FARTHEST)
@@ -124,7 +124,7 @@ def _spawn(generator: Any, radius: float, move: StraightMove) -> tuple[float, fl
 
 @njit(cache=True, nogil=True)
 def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x: float, y: float, path: Array) -> None:
-    """Leg by leg, with a velocity that lags behind the leg's."""
+    """Write a path leg by leg; the velocity follows the leg's with a lag."""
     follow = 1.0 - math.exp(-PATH_STEP / LAG)
     pace, vx, vy, end_x, end_y = speed, 0.0, 0.0, x, y
     for sample in range(path.shape[0]):
@@ -144,7 +144,7 @@ def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x:
 def _next_leg(
     generator: Any, kind: int, pace: float, move: StraightMove, now: float, x: float, y: float
 ) -> tuple[float, float]:
-    """Where the leg that begins at (x, y) ends: aimed at the arm or, where the base is in the way, anywhere."""
+    """End of the leg that begins at (x, y): aimed at the arm or, where the base is in the way, anywhere."""
     end_x, end_y = x, y
     if kind == _PASSES or now == 0.0 or generator.random() < AIMED:
         for _ in range(AIMS):
@@ -163,7 +163,7 @@ def _next_leg(
 
 @njit(cache=True, nogil=True)
 def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y: float) -> tuple[float, float]:
-    """A point of the moving arm, so many links from the base, where it is when the disc gets there."""
+    """Place of a point of the moving arm, ``point`` links from the base, when the disc arrives there."""
     at_x = at_y = 0.0
     arrival = now
     for _ in range(LEAD_ITERATIONS):
@@ -179,7 +179,7 @@ def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y
 
 @njit(cache=True, nogil=True)
 def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> tuple[float, float]:
-    """Where a leg from (x, y) towards a point ends: after its length, at the rim, or too near to the base."""
+    """End of a leg from (x, y) towards a point: after its length, at the rim, or too near to the base."""
     far = max(math.hypot(to_x - x, to_y - y), 1e-9)
     along_x, along_y = (to_x - x) / far, (to_y - y) / far
     middle, square = x * along_x + y * along_y, x * x + y * y
@@ -192,7 +192,7 @@ def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> t
 
 @njit(cache=True, nogil=True)
 def _wander(generator: Any, pace: float, move: StraightMove, x: float, y: float, path: Array) -> None:
-    """A velocity command that reverts to zero (Ornstein-Uhlenbeck), and a velocity that lags behind it."""
+    """Write a path whose velocity follows, with a lag, an Ornstein-Uhlenbeck process around zero."""
     keep, follow = math.exp(-PATH_STEP / CORRELATION_TIME), 1.0 - math.exp(-PATH_STEP / LAG)
     root = pace / math.sqrt(2.0)
     fresh = root * math.sqrt(1.0 - keep * keep)
@@ -214,7 +214,7 @@ def _wander(generator: Any, pace: float, move: StraightMove, x: float, y: float,
 
 @njit(cache=True, nogil=True)
 def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, float]:
-    """A point of an annulus around the base, all distances and all directions equally likely."""
+    """Draw a point of an annulus around the base, uniform in distance and direction."""
     distance = nearest + (farthest - nearest) * generator.random()
     angle = 2.0 * math.pi * generator.random()
     return distance * math.cos(angle), distance * math.sin(angle)
@@ -222,7 +222,7 @@ def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, f
 
 @njit(cache=True, nogil=True)
 def _within(x: float, y: float) -> tuple[float, float]:
-    """The closest point that is neither too near to the base nor too far from it."""
+    """The closest point within NEAREST and FARTHEST of the base."""
     away = math.hypot(x, y)
     allowed = min(FARTHEST, max(NEAREST, away))
     return x * allowed / away, y * allowed / away

@@ -1,4 +1,4 @@
-"""How an episode of ObstacleDodge-v0 begins: posture, goal and the paths of the discs, drawn or given."""
+"""Starts of ObstacleDodge-v0: posture, goal and the paths of the discs, drawn or given."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from planners.typing import Array
 Pair = tuple[float, float]
 
 LEAST_ELBOW, LEAST_DISTANCE = 0.3, 0.4
-"""Of what is drawn: least magnitude of the elbow angle, rad, and least distance from the hand to its goal, m."""
+"""Least drawn magnitude of the elbow angle, rad, and distance from the hand to its goal, m."""
 
 
 class ObstacleDodgeOptions(Settings):
     """Options of ``reset``: what is left out is drawn (``"random"``) or a fixed crossing (``"paper"``).
 
     Attributes:
-        scenario: ``"random"``, or ``"paper"``: one disc crosses the way of the hand, as in the paper's figure 3.
+        scenario: ``"random"``, or ``"paper"``: one disc crosses the path of the hand, as in the paper's figure 3.
         start: joint angles at the start, rad.
-        goal: position of the hand to be reached, m from the base.
+        goal: position of the hand to reach, m from the base.
         obstacle_kind: ``"waypoints"``, ``"passes"`` or ``"wander"``, for every disc.
-        obstacle_speed: of every disc, m/s.
-        obstacle_radius: of every disc, m.
+        obstacle_speed: speed of every disc, m/s.
+        obstacle_radius: radius of every disc, m.
         obstacle_paths: for each disc the points, m from the base, between which it moves at constant speed; it stays
-            at the last.
+            at the last one.
     """
 
     scenario: Literal["random", "paper"] = "random"
@@ -49,11 +49,11 @@ PAPER_SCENARIO: dict[str, Any] = {
     "obstacle_speed": 0.6,
     "obstacle_paths": (((0.9, 0.75), (-1.2, 0.15)),),
 }
-"""A disc that crosses the way of the hand. The paper draws one such episode and gives no numbers."""
+"""A disc that crosses the path of the hand. The paper shows one such episode and gives no numbers."""
 
 
 class Episode(NamedTuple):
-    """What an episode begins with.
+    """Start of an episode.
 
     Attributes:
         start: joint angles, ``(2,)``, rad.
@@ -69,17 +69,17 @@ class Episode(NamedTuple):
 
 
 OBSTACLE_RADIUS = 0.10
-"""Of a disc, m."""
+"""Radius of a disc, m."""
 
 
 class DodgeStarts:
-    """Draws how episodes begin.
+    """Draws the starts of episodes.
 
     Args:
-        arm: with two links.
-        limits: of the straight move past which the discs are led.
-        samples: of a disc's path, `PATH_STEP` apart.
-        discs: how many there are.
+        arm: a two-link arm.
+        limits: limits of the straight move at which the discs are aimed.
+        samples: number of samples of a disc's path, `PATH_STEP` apart.
+        discs: number of discs.
     """
 
     def __init__(self, arm: Arm, limits: JointLimits, samples: int, discs: int) -> None:
@@ -87,10 +87,10 @@ class DodgeStarts:
         self._ranges = np.array(arm.limits.angle)
 
     def draw(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> Episode:
-        """An episode drawn or given, and one that is not lost from the start.
+        """Draw an episode, or take what the options give of it.
 
         Raises:
-            ValueError: if what is given cannot be: out of reach or range, in contact, or paths for other discs.
+            ValueError: for options out of reach or range, in contact, or with paths for another number of discs.
         """
         start, end = self._draw_move(generator, options)
         radius = OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
@@ -99,7 +99,7 @@ class DodgeStarts:
         path = np.empty((samples, discs, 2))
         given = options.obstacle_paths
         if given is not None and len(given) != discs:
-            raise ValueError(f"obstacle_paths holds {len(given)} paths for {discs} discs; give one a disc")
+            raise ValueError(f"obstacle_paths holds {len(given)} paths for {discs} discs; give one per disc")
         for disc in range(discs):
             kind = KINDS.index(options.obstacle_kind) if options.obstacle_kind else int(generator.integers(len(KINDS)))
             if given is None:
@@ -113,11 +113,7 @@ class DodgeStarts:
         return Episode(start, move.goal, radius, path)
 
     def _draw_move(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> tuple[Array, Array]:
-        """The posture at the start, and one with the hand at the goal, on the same side of the elbow if there is one.
-
-        Raises:
-            ValueError: if a given start or goal is out of the arm's reach or ranges.
-        """
+        """The posture at the start, and one with the hand at the goal, on the same side of the elbow if possible."""
         if options.start is not None:
             self._require_in_range(options.start)
         while True:
