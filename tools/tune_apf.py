@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.console import Console
-from scipy.optimize import Bounds, differential_evolution
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
 from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.files import write_json
@@ -132,7 +132,7 @@ def _evolve(search: Search, options: TuneOptions, console: Console) -> None:
     first = np.clip(0.4 * generator.standard_normal((options.population, dimensions)), -1.0, 1.0)
     first[0] = 0.0
 
-    def report(best: Array, convergence: float) -> None:
+    def report(intermediate_result: OptimizeResult) -> None:
         console.print(f"{search.tried} candidates, best score {search.score:g}")
 
     with warnings.catch_warnings():

@@ -233,7 +233,9 @@ def test_the_repulsion_is_the_gradient_of_the_clearance() -> None:
         ahead = [float(ARM.clearance(q + step * np.eye(2)[i], at, 0.0)) for i in range(2)]
         behind = [float(ARM.clearance(q - step * np.eye(2)[i], at, 0.0)) for i in range(2)]
         slopes = (np.array(ahead) - np.array(behind)) / (2.0 * step)
-        np.testing.assert_allclose(whole_arm.repulsion(body, *q, *at), slopes, atol=1e-5)
+        distance, *gradient = whole_arm.repulsion(body, *q, *at)
+        np.testing.assert_allclose(gradient, slopes, atol=1e-5)
+        assert distance == pytest.approx(ARM.clearance(q, at, 0.0) + ARM.link_radius)
 
 
 @settings(max_examples=200, deadline=None)

@@ -160,7 +160,11 @@ def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state
 def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
     """Take the quicker elbow when an episode begins, and set the handicaps of both."""
     if not record.begun:
-        record.elbow = 1 if _time_to_posture(body, state, 1) < _time_to_posture(body, state, 0) else 0
+        record.elbow, least = 0, np.inf
+        for branch in range(2):
+            time = time_to(body, state.q[0], state.q[1], state.qd[0], state.qd[1], state.postures[branch])
+            if time < least:  # False for the NaN of an impossible posture
+                record.elbow, least = branch, time
     for branch in range(2):
         state.handicaps[branch] = 0.0 if branch == record.elbow else gains.elbow
         if math.isnan(state.postures[branch, 0]):
@@ -170,10 +174,3 @@ def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
             stop = 0.5 * state.qd[i] * abs(state.qd[i]) / body.cruise[i]
             state.postures[record.elbow, i] = min(body.ranges[i], max(-body.ranges[i], state.q[i] + stop))
         state.handicaps[record.elbow] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def _time_to_posture(body: Any, state: Any, branch: int) -> float:
-    if math.isnan(state.postures[branch, 0]):
-        return np.inf
-    return time_to(body, state.q[0], state.q[1], state.qd[0], state.qd[1], state.postures[branch])

@@ -17,7 +17,7 @@ from numba import njit
 
 from planners.apf.dodge.gains import STEP
 from planners.apf.dodge.look_ahead import NEVER, DodgeScene, Outlook, Proposal, look_ahead, to_go
-from planners.apf.dodge.whole_arm import CRUISE_SHARE, gap, repulsion
+from planners.apf.dodge.whole_arm import CRUISE_SHARE, repulsion
 from planners.typing import Array
 
 COMPASS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
@@ -62,20 +62,16 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     for swing in range(-1, 2):
         for fold in (-FOLDED, FOLDED):
             well1, well2 = rest1 + swing * gains.retreat, fold * scene.body.ranges[1]
-            least = _try_refuge(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least)
-    _try_refuge(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least)
-
-
-@njit(cache=True, nogil=True)
-def _try_refuge(scene: DodgeScene, record: Any, refuge: Proposal, least: float) -> float:
-    """`_try_well` for a well that attracts for good: its cost is at least the time of the way back."""
-    way_back = to_go(scene.body, scene.state, refuge.q1, refuge.q2, 0.0, 0.0)
-    return least if way_back > least else _try_well(scene, record, refuge, least, 0.0)
+            least = _try_well(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least, 0.0)
+    _try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0)
 
 
 @njit(cache=True, nogil=True)
 def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
     """Take a well if its cost, less its bonus, is below the least so far; the least cost after that."""
+    # A well that attracts for good costs at least the time of the way back.
+    if wanted.steps == NEVER and to_go(scene.body, scene.state, wanted.q1, wanted.q2, 0.0, 0.0) > least:
+        return least
     end1, end2 = scene.body.ranges[0] - WELL_MARGIN, scene.body.ranges[1] - WELL_MARGIN
     well1, well2 = min(end1, max(-end1, wanted.q1)), min(end2, max(-end2, wanted.q2))
     proposal = Proposal(well1, well2, wanted.share, wanted.steps, wanted.elbow)
@@ -109,12 +105,10 @@ def _rest_and_push(scene: DodgeScene, outlook: Outlook) -> tuple[float, float, f
     rest2 = state.q[1] + 0.5 * state.qd[1] * abs(state.qd[1]) / (gains.evade * body.hardest[1])
     nearest, push1, push2 = np.inf, 1.0, 0.0
     for disc in range(scene.radii.shape[0]):
-        x, y = scene.places[outlook.step, disc, 0], scene.places[outlook.step, disc, 1]
-        c1, s1, outer = math.cos(outlook.q1), math.sin(outlook.q1), outlook.q1 + outlook.q2
-        distance = gap(body.lengths[0], body.lengths[1], c1, s1, math.cos(outer), math.sin(outer), x, y)
+        x, y = scene.places[outlook.step, disc]
+        distance, turn1, turn2 = repulsion(body, outlook.q1, outlook.q2, x, y)
         if distance - scene.radii[disc] < nearest:
-            nearest = distance - scene.radii[disc]
-            push1, push2 = repulsion(body, outlook.q1, outlook.q2, x, y)
+            nearest, push1, push2 = distance - scene.radii[disc], turn1, turn2
     push2 *= gains.push_elbow
     norm = math.hypot(push1, push2)
     if norm < 1e-6:

@@ -126,13 +126,11 @@ def gap(l1: float, l2: float, c1: float, s1: float, c2: float, s2: float, x: flo
 
 
 @njit(cache=True, nogil=True)
-def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient of the arm's distance from a point by the joint angles, m: the transposed Jacobian of the closest one.
-
-    The closest point of each link first, then the unit vector from the disc to the closer of the two.
-    """
+def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[float, float, float]:
+    """Distance of the arm from a point, m, and its gradient by both joint angles, m."""
     l1, l2 = body.lengths[0], body.lengths[1]
     c1, s1, c2, s2 = math.cos(q1), math.sin(q1), math.cos(q1 + q2), math.sin(q1 + q2)
+    # The closest point of each link, and the closer of the two.
     along = min(l1, max(0.0, x * c1 + y * s1))
     near_x, near_y, outer = along * c1, along * s1, 0.0
     upper = math.hypot(x - near_x, y - near_y)
@@ -141,9 +139,10 @@ def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[floa
     distance = math.hypot(x - fore_x, y - fore_y)
     if distance < upper:
         near_x, near_y, outer = fore_x, fore_y, beyond
+    # The transposed Jacobian of that point times the unit vector towards it.
     away = max(min(distance, upper), 1e-9)
     nx, ny = (near_x - x) / away, (near_y - y) / away
-    return ny * near_x - nx * near_y, outer * (ny * c2 - nx * s2)
+    return away, ny * near_x - nx * near_y, outer * (ny * c2 - nx * s2)
 
 
 @njit(cache=True, nogil=True)
