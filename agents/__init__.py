@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agents.evaluation.evaluate import Evaluation, evaluate
-    from agents.policies.agent import Agent, load_agent, save_agent
+    from agents.policies.agent import Agent
+    from agents.policies.files import load_agent, save_agent
 
 __all__ = ["Agent", "Evaluation", "evaluate", "load_agent", "save_agent"]
 
@@ -13,8 +14,8 @@ _HOMES = {
     "Agent": "agents.policies.agent",
     "Evaluation": "agents.evaluation.evaluate",
     "evaluate": "agents.evaluation.evaluate",
-    "load_agent": "agents.policies.agent",
-    "save_agent": "agents.policies.agent",
+    "load_agent": "agents.policies.files",
+    "save_agent": "agents.policies.files",
 }
 
 

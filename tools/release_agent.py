@@ -24,7 +24,8 @@ from rich.table import Table
 from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.evaluation.leaderboard import METRICS, shown_number
 from agents.evaluation.statistics import Estimate, rate
-from agents.policies.agent import Agent, load_agent, save_agent
+from agents.policies.agent import Agent
+from agents.policies.files import load_agent, save_agent
 from agents.training.learning_curves import Curve, check_alike, differing, read_curve
 
 TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"

@@ -27,7 +27,7 @@ from scipy import stats
 from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate, known_env_ids
 from agents.evaluation.leaderboard import LIMIT_TOLERANCE, METRICS
 from agents.files import write_json
-from agents.policies.agent import shipped_agents
+from agents.policies.files import shipped_agents
 from agents.policies.lookup import SHIPPED, find_policy
 from agents.provenance import machine, versions
 from envs.experts import expert_names

@@ -10,7 +10,7 @@ import tyro
 
 from agents.commands.benchmark import Benchmark, run_and_print
 from agents.evaluation.evaluate import known_env_ids
-from agents.policies.agent import load_agent
+from agents.policies.files import load_agent
 from agents.policies.lookup import SHIPPED, find_policy
 from agents.yaml_config import BenchmarkConfig, assigned
 from envs.experts import is_expert

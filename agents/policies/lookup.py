@@ -1,4 +1,4 @@
-"""Who takes part in a comparison: experts, trained agents, and models that users have trained themselves."""
+"""Policies by name or path: experts, trained agents, and models of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.evaluate import Policy, PolicyMaker
-from agents.policies.agent import Agent, load_agent, shipped_agents
+from agents.policies.agent import Agent
+from agents.policies.files import load_agent, shipped_agents
 from envs.experts import expert_names, is_expert
 from envs.settings import refuse_unknown
 
 SHIPPED = "agent"
-"""The name of the agent that comes with planarm for the environment at hand."""
+"""Name of the agent shipped with planarm for the environment."""
 
 _SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
-"""A setting by which the models of each algorithm are known, the telling ones first; DDPG's are loaded as TD3's."""
+"""The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""
 
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy and what it needs.
+    """A policy with its name.
 
     Attributes:
-        name: of its row.
-        policy: the name of an expert, anything with Stable-Baselines3's ``predict``, or what makes one.
-        action_config: settings of the environment that say what its actions mean.
+        name: of its row in tables.
+        policy: the name of an expert, an object with Stable-Baselines3's ``predict``, or a function that makes one.
+        action_config: settings of the environment that define what its actions mean.
     """
 
     name: str
@@ -38,19 +39,19 @@ class NamedPolicy:
 
     @property
     def is_expert(self) -> bool:
-        """Whether it is scripted."""
+        """Whether it is a scripted expert."""
         return isinstance(self.policy, str)
 
     def settings(self, env_config: Mapping[str, Any]) -> dict[str, Any]:
-        """The settings of a task, with its actions.
+        """The settings of an environment, with those of the policy's actions.
 
         Raises:
-            ValueError: if the task fixes another meaning of actions.
+            ValueError: if they contradict each other.
         """
         for name, value in self.action_config.items():
             if env_config.get(name, value) != value:
                 raise ValueError(
-                    f"{self.name} was trained with {name} {value!r} and can do nothing with {env_config[name]!r}; "
+                    f"{self.name} was trained with {name} {value!r} and cannot act with {env_config[name]!r}; "
                     f"leave {name} out, so that each policy has its own"
                 )
         return {**env_config, **self.action_config}
@@ -60,11 +61,11 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     """A policy by name or by path.
 
     Args:
-        source: the name of an expert, with ``+adaptive`` behind it for one that weighs the payload; ``agent`` for the
+        source: the name of an expert, with ``+adaptive`` behind it for online payload estimation; ``agent`` for the
             agent shipped for the environment; the path of a training run's folder, of an agent (.safetensors), or of a
             model of Stable-Baselines3 (.zip).
-        env_id: where it shall act.
-        allow_code: whether to load a model of Stable-Baselines3, which runs whatever code its file holds.
+        env_id: of the environment that it acts in.
+        allow_code: whether to load a model of Stable-Baselines3, which can run any code in its file.
 
     Raises:
         ValueError: if there is none, it was trained on another environment, or it may not be loaded.
@@ -91,11 +92,11 @@ def _of_agent(name: str, agent: Agent, env_id: str) -> NamedPolicy:
 
 
 def _load_sb3(path: Path, *, allow_code: bool) -> Policy:
-    """A model of Stable-Baselines3; its algorithm is told by its settings, which hold no name."""
+    """A model of Stable-Baselines3; its algorithm is inferred from its settings, which do not name it."""
     if not allow_code:
         raise ValueError(
             f"{path} is not loaded: the zip of a Stable-Baselines3 model can run any code when it is opened. If you "
-            "trust whoever made it, allow that with --allow-code"
+            "trust its source, pass --allow-code"
         )
     try:
         with zipfile.ZipFile(path) as archive:

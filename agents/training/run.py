@@ -19,7 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
-from agents.policies.agent import layout_of, save_agent
+from agents.policies.files import layout_of, save_agent
 from agents.training.amortise import amortise
 from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint, write_origin
 from agents.training.dagger import dagger

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.agent import FORMAT, describe_layout, layout_of, shipped_agents
+from agents.policies.files import FORMAT, describe_layout, layout_of, shipped_agents
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
 ENV = "ConveyorTrack-v0"
@@ -138,7 +138,7 @@ def test_other_observations_are_refused_and_the_entries_named(saved: Path) -> No
         ({"sha256": "0"}, "do not belong together"),
         ({"env": "ConveyorTrak-v0"}, 'did you mean "ConveyorTrack-v0"'),
         ({"activation": "tahn"}, 'did you mean "tanh"'),
-        ({"hidden": [5, 5]}, "without layer2.weight"),
+        ({"hidden": [5, 5]}, "lacks the tensors layer2.weight"),
         ({"env_config": {"horizn": 2.0}}, 'did you mean "horizon"'),
     ],
 )

@@ -16,7 +16,8 @@ from run_folders import CONVEYOR, config, make_run
 
 from agents.evaluation.evaluate import Evaluation, Timing, evaluate
 from agents.evaluation.statistics import Estimate
-from agents.policies.agent import FORMAT, Agent, describe_layout, layout_of, load_agent, save_agent
+from agents.policies.agent import Agent
+from agents.policies.files import FORMAT, describe_layout, layout_of, load_agent, save_agent
 from agents.training.learning_curves import read_curve
 from tools.release_agent import TRAINED, Candidate, Scores, ShipOptions, choose, main, spread, summary
 

@@ -1,0 +1,117 @@
+"""Agents as files: weights in safetensors, and a JSON beside them that says what they were trained on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import closing
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+import envs
+from agents.files import write_bytes, write_json
+from agents.policies.agent import Agent
+from envs.observation import Layout
+from envs.settings import refuse_unknown
+
+FORMAT = 1
+"""Version of the files; this version of planarm reads no other."""
+_REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
+_SHIPPED = resources.files("agents.policies").joinpath("trained")
+
+
+def shipped_agents() -> list[str]:
+    """Ids of the environments for which planarm ships a trained agent."""
+    names = (file.name for file in _SHIPPED.iterdir())
+    return sorted(name.removesuffix(".safetensors") for name in names if name.endswith(".safetensors"))
+
+
+def load_agent(source: str | Path) -> Agent:
+    """A trained agent.
+
+    Args:
+        source: the id of an environment, for the agent shipped with planarm; or the path of a run folder, for its best
+            agent, or of a .safetensors file with its JSON beside it.
+
+    Raises:
+        ValueError: if there is none, its files are damaged, or the environment's observations have changed since it
+            was trained.
+    """
+    path = _find(source)
+    try:
+        content = path.read_bytes()
+        document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        tensors = load(content)
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, SafetensorError) as error:
+        raise ValueError(f"cannot read {path}: {error}") from None
+    missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
+    if missing:
+        raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
+    if document["format"] != FORMAT:
+        raise ValueError(f"{path} has format {document['format']}; this version of planarm reads {FORMAT}")
+    if document["sha256"] != hashlib.sha256(content).hexdigest():
+        raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
+    _check_layout(path, document)
+    return Agent(document, tensors)
+
+
+def save_agent(agent: Agent, path: Path) -> None:
+    """Write an agent's weights to ``path`` (.safetensors) and its JSON beside it, each atomically."""
+    content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
+    write_bytes(path, content)
+    write_json(path.with_suffix(".json"), {**agent.document, "sha256": hashlib.sha256(content).hexdigest()})
+
+
+def describe_layout(layout: Layout) -> dict[str, Any]:
+    """The part of an agent's JSON about the observations that it was trained on."""
+    entries = [
+        {"name": entry.name, "size": entry.size, "scale": entry.scale, "bound": entry.bound, "unit": entry.unit}
+        for entry in layout.entries
+    ]
+    return {"layout": entries, "layout_hash": hashlib.sha256(json.dumps(entries).encode()).hexdigest()}
+
+
+def layout_of(env_id: str, env_config: Mapping[str, Any]) -> Layout:
+    """The layout of an environment's observations.
+
+    Raises:
+        ValueError: if there is no such environment, or it refuses the settings.
+    """
+    refuse_unknown([env_id], envs.env_ids(), "environment")
+    with closing(gym.make(env_id, **env_config)) as env:
+        layout: Layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
+        return layout
+
+
+def _find(source: str | Path) -> Path:
+    """The file of an agent's weights."""
+    path, shipped = Path(source), shipped_agents()
+    if str(source) not in shipped:
+        if path.is_dir():
+            return path / "best.safetensors"
+        if path.suffix == ".safetensors":
+            return path
+    refuse_unknown([str(source)], shipped, "agent (the path of one ends in .safetensors)")
+    return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
+
+
+def _check_layout(path: Path, document: Mapping[str, Any]) -> None:
+    """Raise a ValueError if the environment's observations have changed since the agent was trained."""
+    now = describe_layout(layout_of(document["env"], document["env_config"]))
+    if now["layout_hash"] == document["layout_hash"]:
+        return
+    before = document.get("layout", [])
+    changed = [
+        entry["name"] for entry in [*before, *now["layout"]] if entry not in before or entry not in now["layout"]
+    ]
+    raise ValueError(
+        f"{path} was trained on other observations of {document['env']} than this version of planarm gives (changed: "
+        f"{', '.join(dict.fromkeys(changed)) or 'their order'}); train it anew, or use the version named in its JSON"
+    )
