@@ -1,7 +1,7 @@
-"""Deletes numba's on-disk caches that are out of date.
+"""Deletion of stale numba caches.
 
-Numba compiles a function again when its own file changes, but not when a function that it calls has changed in another
-file: after an update, or an edit, it would run a mixture of old and new code.
+Numba recompiles a function when its own file changes, but not when a function that it calls changes in another file:
+after an update it would run a mixture of old and new code.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ _IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import \(?([\w, \n]+)|import ([\w.]+
 
 
 def drop_stale(package: Path, *, sources: tuple[Path, ...] = ()) -> None:
-    """Delete the compiled caches of every module that is older than a source it may have been made from.
-
-    Those are its own file and all that it imports, directly or not, within the packages.
+    """Delete compiled caches older than the module's file or any file it imports, directly or not.
 
     Args:
         package: folder of the package.
-        sources: folders of other packages whose compiled functions it calls.
+        sources: folders of other packages with compiled functions that it calls.
     """
     folders = (package, *sources)
     caches = {path: path.stat().st_mtime for path in package.rglob("*.nb[ic]")}
@@ -42,7 +40,7 @@ def drop_stale(package: Path, *, sources: tuple[Path, ...] = ()) -> None:
 
 
 def _reached_from(source: Path, imports: dict[Path, list[Path]]) -> set[Path]:
-    """A source file and all that it imports, directly or not."""
+    """A source file and its direct and indirect imports."""
     reached, pending = set(), [source]
     while pending:
         path = pending.pop()

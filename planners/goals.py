@@ -1,4 +1,4 @@
-"""Which joint angles answer a target that does not move: given ones, or every way to put the hand there."""
+"""Goal postures of a fixed target: its joint angles, or the inverse kinematics of its hand position."""
 
 from __future__ import annotations
 
@@ -13,21 +13,20 @@ from planners.typing import Array
 Elbow = Literal["best", "start", "+", "-"]
 
 ORIENTATIONS = 8
-"""How many orientations of a third link are tried where the target leaves it open."""
+"""Number of orientations of a third link that are tried where the target leaves it open."""
 
 LONG_WAY = 0.5 * np.pi
-"""From this turn of the first joint on, rad, the other way round is tried too."""
+"""Turn of the first joint from which the other way round is tried too, rad."""
 
 MOST_GOALS = 6
 
 
 def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow: Elbow) -> list[Array]:
-    """Joint angles to go to, ``(n,)`` each: at most six, those closest to the start.
+    """Goal joint angles, ``(n,)`` each: at most `MOST_GOALS`, closest to the start first.
 
     Raises:
-        Infeasible: with reason ``unreachable`` if the target is out of reach, or in reach with a joint out of its range
-            only.
-        ValueError: if an elbow branch is asked for in joint space.
+        Infeasible: with reason ``unreachable`` if the target is out of reach within the joint ranges.
+        ValueError: if an elbow branch is given for a target in joint angles.
     """
     if isinstance(target, FixedJoints):
         if elbow not in ("best", "start"):
@@ -56,7 +55,7 @@ def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow
 
 
 def on_branch(posture: Array, start: Array, elbow: Elbow) -> bool:
-    """Whether a posture has its elbow where it is wanted."""
+    """Whether a posture is on an elbow branch."""
     if elbow == "best":
         return True
     positive = np.sin(start[1]) >= 0.0 if elbow == "start" else elbow == "+"
@@ -64,7 +63,7 @@ def on_branch(posture: Array, start: Array, elbow: Elbow) -> bool:
 
 
 def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
-    """The posture within the joint ranges, as close to the start as whole turns bring it; the first joint both ways."""
+    """The posture within the joint ranges, in whole turns closest to the start; the first joint both ways round."""
     nearest = problem.q + wrap(posture - problem.q)
     ranges = np.array(problem.joint_limits.angle)
     turn = nearest[0] - problem.q[0]
@@ -73,7 +72,7 @@ def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
     outer = [(angle, angle - 2.0 * np.pi, angle + 2.0 * np.pi) for angle in nearest[1:]]
     found = []
     for first in firsts:
-        # A joint with a range has at most one whole turn that fits closest; without one the nearest is taken.
+        # The first angle within the range is the closest.
         rest = [next((a for a in angles if abs(a) <= r), None) for angles, r in zip(outer, ranges[1:], strict=True)]
         if abs(first) <= ranges[0] and None not in rest:
             found.append(np.array([first, *rest], dtype=float))

@@ -1,10 +1,11 @@
-"""The one vocabulary of tasks and planners: what is asked (`MotionProblem`) and what is answered (`Trajectory`)."""
+"""The interface of tasks and planners: a `MotionProblem` is solved by a `Trajectory` or raises `Infeasible`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +18,9 @@ class Infeasible(ValueError):
     """No motion solves the problem within its limits.
 
     Attributes:
-        reason: one word a program can branch on: ``unreachable``, ``no_window``, ``late``, ``start``, ``limits``,
+        reason: a word for programs: ``unreachable``, ``no_window``, ``late``, ``start``, ``limits``,
             ``collision`` or ``local_minimum``.
-        details: the numbers behind the message, by name.
+        details: numbers of the message, by name.
     """
 
     def __init__(self, reason: str, message: str, **details: object) -> None:
@@ -29,11 +30,7 @@ class Infeasible(ValueError):
         self.details = details
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild_infeasible, (self.reason, self.message, self.details)
-
-
-def _rebuild_infeasible(reason: str, message: str, details: dict[str, object]) -> Infeasible:
-    return Infeasible(reason, message, **details)
+        return partial(Infeasible, self.reason, self.message, **self.details), ()
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class MovingHand:
     """Meet a point that moves with constant acceleration, and ride with it.
 
     Attributes:
-        position: where it is at time 0, ``(2,)``, m.
+        position: at time 0, ``(2,)``, m.
         velocity: at time 0, ``(2,)``, m/s.
         acceleration: ``(2,)``, m/s^2.
     """
@@ -102,18 +99,18 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class MotionProblem:
-    """A motion to be planned.
+    """A motion planning problem.
 
     Attributes:
         arm: the robot, without its payload.
         q: joint angles at time 0, ``(n,)``, rad.
         qd: joint velocities at time 0, ``(n,)``, rad/s.
         qdd: joint accelerations at time 0, ``(n,)``, rad/s^2.
-        target: where to go.
-        horizon: time there is, s.
-        limits: what the joints may do; the arm's own when left out.
-        obstacles: discs to keep clear of.
-        payload: estimate of the point mass at the hand, kg.
+        target: to reach.
+        horizon: available time, s.
+        limits: of the joints; the arm's own when left out.
+        obstacles: discs to avoid.
+        payload: estimated point mass at the hand, kg.
     """
 
     arm: Arm
@@ -170,10 +167,10 @@ class Trajectory:
         q, qd, qdd: joint angles, velocities and accelerations, ``(samples, n)``.
         tau: joint torques by inverse dynamics of the loaded arm, ``(samples, n)``, N m.
         limit_ratios: worst |value| / limit over all samples and joints, for each kind of limit.
-        cost: the planner's own index of the motion.
-        rendezvous_time: when a moving target is met exactly, or rest at a fixed one is reached, s.
-        planner: which planner made it, and how.
-        rides_until: how long a moving target could be followed within the limits, s.
+        cost: the planner's index of the motion.
+        rendezvous_time: when a moving target is met, or rest at a fixed one reached, s.
+        planner: name of the planner and its variant.
+        rides_until: until when a moving target could be followed within the limits, s.
     """
 
     t: Array
@@ -247,10 +244,10 @@ def sampled_trajectory(
 def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> dict[str, float]:
     """Worst |value| / limit of each kind over samples and joints.
 
-    Jerk is the difference of the sampled accelerations, so put samples where the jerk jumps.
+    Jerk is the difference of the sampled accelerations: sample where it jumps.
 
     Args:
-        limits: what the joints may do.
+        limits: of the joints.
         t: sample times, ``(samples,)``, s.
         q, qd, qdd, tau: samples, ``(samples, n)``, SI units.
 

@@ -19,7 +19,7 @@ SAMPLES = 200
 
 
 def plan(problem: MotionProblem) -> Trajectory:
-    """Move from rest straight to rest at the nearest posture of the goal, as fast as velocity and acceleration allow.
+    """The fastest straight move within the velocity and acceleration limits, from rest to the nearest goal posture.
 
     Args:
         problem: with a fixed target and a start at rest; obstacles are ignored.
@@ -43,7 +43,7 @@ def plan(problem: MotionProblem) -> Trajectory:
     duration = 1.0 / top + ramp
     if duration > problem.horizon:
         raise Infeasible("late", f"the straight move takes {duration:.4g} s; allow that much", minimum_time=duration)
-    # Samples where the acceleration jumps, and evenly between.
+    # uniform samples, and those where the acceleration jumps
     t = np.unique(np.concatenate([np.linspace(0.0, duration, SAMPLES + 1), [ramp, duration - ramp]]))
     share = np.array([trapezoid_share(top, ramp, time) for time in t])
     speed = np.minimum(1.0, np.minimum(t, duration - t) / ramp) * top

@@ -1,4 +1,4 @@
-"""One door to several planners: the variant asked for, with options it has."""
+"""Choice of a planner's variant by name, with its options."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def plan_variant(
     """Plan a motion with one of several planners.
 
     Args:
-        planners: what plans, by the name of the variant.
-        variant: which of them.
+        planners: by the name of the variant.
+        variant: name of the planner to use.
         problem: the motion.
-        options: keyword arguments of that planner, besides the problem.
+        options: keyword arguments of that planner.
 
     Raises:
         Infeasible: if no motion solves the problem, with the reason.

@@ -1,8 +1,8 @@
 """Accelerations for the next control period that keep the limits of every joint.
 
-`smooth_bounds` are bounds from velocity, acceleration and jerk limits, `stoppable_velocities` bounds from the joint's
-range. `within_torque` and `scale_into_torque` scale an acceleration into the torque limits; `worst_excess` and
-`project_off_limit` are one step of its projection onto them.
+Bounds follow from velocity, acceleration and jerk limits (`smooth_bounds`) and from the joint's range
+(`stoppable_velocities`). Torque limits are kept by scaling (`within_torque`, `scale_into_torque`) or by projection
+(`worst_excess`, `project_off_limit`).
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ TORQUE_SLACK = 1e-5
 def smooth_bounds(
     speed: float, acceleration: float, period: float, speed_limit: float, acceleration_limit: float, jerk_limit: float
 ) -> tuple[float, float]:
-    """The accelerations of one joint for the next period from which all its smoothness limits can still be kept.
+    """Accelerations of one joint for the next period that let it keep velocity, acceleration and jerk limits after it.
 
     Args:
-        speed: now, rad/s.
+        speed: rad/s.
         acceleration: mean over the last period, rad/s^2.
         period: control period, s.
-        speed_limit, acceleration_limit, jerk_limit: may be infinite; rad/s, rad/s^2, rad/s^3.
+        speed_limit, acceleration_limit, jerk_limit: rad/s, rad/s^2, rad/s^3; may be infinite.
 
     Returns:
-        Lowest and highest, rad/s^2. Where no acceleration keeps all limits, velocity gives way first, jerk last.
+        Lowest and highest, rad/s^2. If no acceleration keeps all limits, velocity is violated first, jerk last.
     """
     step = jerk_limit * period
     lowest = max(-acceleration_limit, acceleration - step)
@@ -51,7 +51,7 @@ def smooth_bounds(
 
 @njit(cache=True, nogil=True)
 def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: float) -> float:
-    """The largest acceleration that can be shed at full jerk J before it has used up the speed that is left.
+    """The largest acceleration that full jerk J brings to zero before the remaining speed is used up.
 
     Going from an acceleration a to zero in steps of one period T adds at most a^2 / (2 J) + a T / 2 + J T^2 / 8 to the
     speed, this period included, and a T if one step is enough.
@@ -146,9 +146,9 @@ def scale_into_torque(
     qdd: Array,
     tau: Array,
 ) -> None:
-    """Scale one row of accelerations down until the torques held for a period fit; to zero where zero exceeds a limit.
+    """Scale one row of accelerations in place until the torques held for a period fit.
 
-    In the state half a period ahead, centrifugal torques are quadratic in the accelerations: hence several passes.
+    Centrifugal torques half a period ahead are quadratic in the accelerations: hence several passes.
 
     Args:
         coupling, weight: see :mod:`planners.robot.dynamics`.
@@ -156,8 +156,8 @@ def scale_into_torque(
         period: control period, s.
         limit: largest absolute torques, ``(n,)``, N m.
         used: share of the limits that is used.
-        passes: how many times to scale at most.
-        qdd: wanted mean accelerations, ``(n,)``, rad/s^2; scaled in place.
+        passes: largest number of scalings.
+        qdd: desired mean accelerations, ``(n,)``, rad/s^2; zero in the end where even zero exceeds a limit.
         tau: filled with the torques of the scaled accelerations, ``(n,)``, N m.
     """
     still = np.empty(q.shape[0])
@@ -185,13 +185,9 @@ def worst_excess(tau: Array, limit: Array) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def project_off_limit(row: Array, excess: float, lower: Array, upper: Array, qdd: Array) -> None:
-    """Move accelerations by the least change that takes an excess of torque off one joint, and back into bounds.
+    """Remove a joint's excess torque (N m) by the least change of the accelerations ``qdd``, in place within bounds.
 
-    Args:
-        row: of the mass matrix, that joint's, ``(n,)``, kg m^2.
-        excess: of its torque, N m.
-        lower, upper: bounds of the accelerations, ``(n,)``, rad/s^2.
-        qdd: accelerations, ``(n,)``, changed in place.
+    ``row`` is the joint's row of the mass matrix, kg m^2; ``lower`` and ``upper`` bound ``qdd``, all ``(n,)``.
     """
     scale = 0.0
     for i in range(row.shape[0]):

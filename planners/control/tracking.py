@@ -41,12 +41,12 @@ def tracking_acceleration(
 ) -> Array:
     """Mean joint acceleration over the next control period that follows a sampled reference.
 
-    The feed-forward is the mean acceleration of the reference over the period, (qd(t + T) - qd(t)) / T, so that a
-    torque held for the whole period reproduces the reference's velocity at the next sample, not only at this one.
+    The feed-forward is the reference's mean acceleration over the period, (qd(t + T) - qd(t)) / T: torques held for the
+    period then reach the reference's velocity at the next sample.
 
     Args:
         q, qd: measured joint angles and velocities, ``(batch, n)``.
-        now: wanted angles and velocities at this sample, each ``(batch, n)``.
+        now: reference angles and velocities at this sample, each ``(batch, n)``.
         ahead: the same at the next sample.
         period: control period T, s.
         gains: of the feedback.
@@ -62,7 +62,7 @@ def tracking_acceleration(
 def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
     """Torques ``(batch, n)``, N m, that held for a period (s) give the mean accelerations ``qdd`` ``(batch, n)``.
 
-    Inverse dynamics half a period ahead, and one correction by what those torques are predicted to do.
+    Inverse dynamics half a period ahead, corrected once by the predicted effect of those torques.
     """
     tau = np.empty_like(q)
     _held_torque(*arm.chain_constants, q, qd, qdd, period, tau)

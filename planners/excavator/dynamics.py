@@ -15,7 +15,6 @@ from numba import njit
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.newton_euler import (
     Chain,
-    acceleration_single,
     mass_matrix_single,
     regressor_single,
     torque_single,
@@ -31,7 +30,7 @@ class ChainDynamics:
     """Equations of motion of a chain of ``n`` revolute joints. States are ``(batch, n)`` throughout.
 
     Attributes:
-        frames, gravity, inertia, drives: as :mod:`planners.excavator.newton_euler` has them.
+        frames, gravity, inertia, drives: see :mod:`planners.excavator.newton_euler`.
     """
 
     frames: Array
@@ -59,7 +58,7 @@ class ChainDynamics:
 
     @cached_property
     def chain(self) -> Chain:
-        """The form the compiled functions take."""
+        """The chain for the compiled functions."""
         return self.frames, self.gravity, self.inertia, self.drives
 
     def torque(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array, load: Array | None = None) -> Array:
@@ -72,17 +71,9 @@ class ChainDynamics:
         """
         return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
 
-    def regressor(self, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
-        """Torque that each load of ``basis`` ``(p, 10)`` adds, ``(batch, n, p)``."""
-        return _regressor(self.chain, basis, q, qd, qd_r, qdd_r)
-
     def mass_matrix(self, q: Array, load: Array | None = None) -> Array:
         """Mass matrices ``(batch, n, n)``, drives included, kg m^2."""
         return _mass_matrix(self.chain, self._load(load, len(q)), q)
-
-    def forward_dynamics(self, q: Array, qd: Array, tau: Array, load: Array | None = None) -> Array:
-        """Joint accelerations ``(batch, n)``, rad/s^2, under torques ``tau``."""
-        return _acceleration(self.chain, self._load(load, len(q)), q, qd, tau)
 
     @staticmethod
     def _load(load: Array | None, rows: int) -> Array:
@@ -121,7 +112,7 @@ class PayloadModel:
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
         """Derivative of `torque` by the parameters, ``(batch, n, p)``."""
-        return self.dynamics.regressor(self.basis, q, qd, qd_r, qdd_r)
+        return _regressor(self.dynamics.chain, self.basis, q, qd, qd_r, qdd_r)
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
         """Mass matrices ``(batch, n, n)`` with the payload of ``parameters`` ``(batch, p)``."""
@@ -196,11 +187,3 @@ def _mass_matrix(chain: Chain, load: Array, q: Array) -> Array:
     for row in range(rows):
         mass_matrix_single(chain, load[row], q[row], m[row])
     return m
-
-
-@njit(cache=True, nogil=True)
-def _acceleration(chain: Chain, load: Array, q: Array, qd: Array, tau: Array) -> Array:
-    qdd = np.empty_like(q)
-    for row in range(q.shape[0]):
-        acceleration_single(chain, load[row], q[row], qd[row], tau[row], qdd[row])
-    return qdd

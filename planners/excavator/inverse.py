@@ -8,8 +8,8 @@ equations (2-3) to (2-16). Corrected here:
 - (2-8) and (2-13): arc cosines, which lose half the digits near a singularity, are replaced by arc tangents.
 - (2-11): ``theta6`` comes from the axes of frame 5, which are known there, without the division by ``sin(theta5)``.
 
-The eight branches need the sixth angle to be free. The tool is fixed, so a target is five numbers: the position of the
-tip and the direction of the tool. A whole orientation leaves one or two branches (``full_pose=True``).
+The tool is fixed, so a target is five numbers: position of the tip and direction of the tool. It has up to eight
+branches; a whole orientation leaves one or two of them (``full_pose=True``).
 """
 
 from __future__ import annotations
@@ -34,24 +34,23 @@ BRANCH_NAMES = tuple(
         ("facing", "over the back"), ("bucket down", "bucket up"), ("elbow down", "elbow up")
     )
 )
-"""What the eight branches are called, in the order of the results.
+"""Names of the eight branches, in the order of the results.
 
-The shoulder: the wrist in front of the slewing axis or behind it; the bucket: ``theta5`` positive or negative; the
-elbow: ``theta3`` positive or negative.
+Shoulder: wrist in front of the slewing axis or behind it; bucket: sign of ``theta5``; elbow: sign of ``theta3``.
 """
 
 
 class IKStatus(enum.IntFlag):
-    """What is wrong with a branch; 0 is a posture that is fine.
+    """Flags of a branch; 0 is a regular posture within the ranges.
 
-    SHOULDER, ELBOW and TOOL leave no posture (NaN); with BUCKET and RANGE alone there is one.
+    With SHOULDER, ELBOW or TOOL there is no posture (NaN); with BUCKET and RANGE alone there is one.
     """
 
     SHOULDER = 1
     """The wrist would be closer to the slewing axis than its lateral offset ``d4``."""
     BUCKET = 2
-    """``sin(theta5) = 0``: the axis leaves ``theta2 + theta3 + theta4`` free; that closest to the posture ``near`` was
-    taken or, for a full pose, the one its orientation asks for."""
+    """``sin(theta5) = 0``: the axis leaves ``theta2 + theta3 + theta4`` free; the sum closest to that of ``near`` is
+    taken or, for a full pose, the one of its orientation."""
     ELBOW = 4
     """The wrist is out of reach of boom and arm."""
     RANGE = 8
@@ -63,7 +62,7 @@ class IKStatus(enum.IntFlag):
 # numba takes plain integers
 _SHOULDER, _BUCKET, _ELBOW, _RANGE, _TOOL = (int(flag) for flag in IKStatus)
 
-# What the sixth angle of a target is: unknown, reported, or demanded.
+# Use of the target's sixth angle: none, reported, or required.
 _AXIS_ONLY, _REPORT_TOOL, _DEMAND_TOOL = range(3)
 
 _ROUNDING = 1e-9  # rad or relative: a posture on the very limit of a joint is inside
@@ -77,11 +76,11 @@ class Branches:
 
     Attributes:
         q: joint angles, ``(..., 8, 5)``, rad, in [-pi, pi]; NaN where there is no posture.
-        theta6: sixth angle at which the tool would have to be mounted to have the asked orientation, ``(..., 8)``, rad;
-            without one, the angle at which it is. NaN where there is no posture.
+        theta6: sixth angle at which the mounted tool would have the target's orientation, ``(..., 8)``, rad; without an
+            orientation its actual angle. NaN where there is no posture.
         status: `IKStatus` of each branch, ``(..., 8)``.
         nearest: index of the usable branch closest to the posture ``near``, ``(...)``; -1 where none is usable.
-        machine: whose postures they are.
+        machine: the attachment.
     """
 
     q: Array
@@ -92,27 +91,12 @@ class Branches:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Which branches are postures with every joint in its range, ``(..., 8)``."""
+        """Mask of the branches with a posture within the joint ranges, ``(..., 8)``."""
         fine: NDArray[np.bool_] = (self.status & ~_BUCKET) == 0
         return fine
 
-    @property
-    def target_status(self) -> NDArray[np.int64]:
-        """`IKStatus` of each target, ``(...)``: the flags of its usable branches or, if it has none, of all."""
-        usable = self.usable
-        counted = usable | ~usable.any(axis=-1, keepdims=True)
-        flags: NDArray[np.int64] = np.bitwise_or.reduce(np.where(counted, self.status, 0), axis=-1)
-        return flags
-
-    @property
-    def nearest_q(self) -> Array:
-        """The posture of the branch `nearest`, ``(..., 5)``, rad; NaN where none is usable."""
-        index = np.maximum(self.nearest, 0)[..., None, None]
-        chosen = np.take_along_axis(self.q, index, axis=-2)[..., 0, :]
-        return np.where(self.nearest[..., None] >= 0, chosen, np.nan)
-
     def explain(self, target: int | tuple[int, ...] = ()) -> str:
-        """One line for each branch of a target: its name and what is wrong with it, joints out of range by name."""
+        """One line for each branch of a target: its name, flags and joints out of range."""
         limits = self.machine.angle_limit_array
         lines = []
         for name, code, q in zip(BRANCH_NAMES, self.status[target], self.q[target], strict=True):
@@ -137,20 +121,19 @@ def inverse_kinematics(
     weights: ArrayLike | None = None,
     machine: Excavator = EXCAVATOR,
 ) -> Branches:
-    """Every posture that puts the tip at a position with the tool along a direction.
+    """Every posture with the tip at a position and the tool along a direction.
 
-    A target that cannot be reached is no error: its branches are NaN and the status says why. Leading axes broadcast.
+    Branches of unreachable targets are NaN, with the reason in their status. Leading axes broadcast.
 
     Args:
         tip: position of the tip, ``(..., 3)``, m.
         axis: direction of the tool (z axis of frame 6), ``(..., 3)``, of any length but 0.
-        tool_x: x axis of the tool, ``(..., 3)``, at a right angle to ``axis``: makes the target a whole orientation,
-            for which `Branches.theta6` is solved.
-        full_pose: keep only the branches that have the orientation with the tool as it is mounted
-            (``theta6`` within 1e-6 rad); needs ``tool_x``.
-        near: current posture, ``(..., 5)``, rad: the branch `Branches.nearest` is the closest to it, and where the
-            target leaves ``theta2 + theta3 + theta4`` free (`IKStatus.BUCKET`) it decides, as far as the elbow reaches.
-            The zero posture when left out.
+        tool_x: x axis of the tool, ``(..., 3)``, perpendicular to ``axis``: completes the orientation, for which
+            `Branches.theta6` is solved.
+        full_pose: keep only the branches with the orientation of the mounted tool (``theta6`` within 1e-6 rad); needs
+            ``tool_x``.
+        near: current posture, ``(..., 5)``, rad, for `Branches.nearest` and a free ``theta2 + theta3 + theta4``
+            (`IKStatus.BUCKET`); the zero posture when left out.
         weights: of the joints in the distance ``sqrt(sum((w_i dq_i)^2))``, ``(5,)``, all 1 when left out.
         machine: the attachment.
 
@@ -259,9 +242,9 @@ def _solve_pair(
     q: Array,
     theta6: Array,
 ) -> int:
-    """The two elbow branches that share a shoulder and a bucket branch; returns their status.
+    """Write the two elbow branches of a shoulder and bucket branch; returns their status.
 
-    They go to the rows ``2 pair`` and ``2 pair + 1`` of ``q`` ``(8, 5)`` and ``theta6`` ``(8,)``, if there are any.
+    They are rows ``2 pair`` and ``2 pair + 1`` of ``q`` ``(8, 5)`` and ``theta6`` ``(8,)``.
     """
     d1, a2, a3, d4, d5, d6, mounted = geometry
     tip, axis, tool_x = target
@@ -270,7 +253,7 @@ def _solve_pair(
 
     # (2-4) to (2-6): the wrist is d4 beside the plane of the boom, `front` along it
     r = np.hypot(px, py)
-    if r < abs(d4) - 1e-13 * (a2 + a3):  # a wrist beside the slewing axis must not fail by rounding
+    if r < abs(d4) - 1e-13 * (a2 + a3):  # room for rounding
         return _SHOULDER
     front = shoulder * np.sqrt(max((r - d4) * (r + d4), 0.0))
     theta1 = _wrap(np.arctan2(py, px) + np.arctan2(d4, front))
@@ -285,7 +268,7 @@ def _solve_pair(
         return code
     s5, c5 = np.sin(theta5), np.cos(theta5)
     pitch = _reachable_pitch(asked_pitch, front, height, a2, a3, d5)
-    turn = abs(pitch - asked_pitch) * (1.0 if mode == _DEMAND_TOOL else abs(s5))  # that the target suffers, rad
+    turn = abs(pitch - asked_pitch) * (1.0 if mode == _DEMAND_TOOL else abs(s5))  # error of the target, rad
     if turn > _SINGULAR:
         return code | _ELBOW
 
@@ -320,8 +303,8 @@ def _roll_and_pitch(
 ) -> tuple[float, float, int]:
     """``theta5``, ``theta234`` and the status, from the axes of the tool in frame 1.
 
-    ``w = c5 z1 - s5 x4`` gives both, (2-7), (2-8) and (2-16), unless ``s5`` vanishes. Then a whole orientation still
-    does, by ``x5 = c5 x4 + s5 z1``; without one ``theta234`` is free.
+    ``w = c5 z1 - s5 x4`` gives both, (2-7), (2-8) and (2-16), unless ``s5`` vanishes. Then ``x5 = c5 x4 + s5 z1`` gives
+    them for a whole orientation; without one ``theta234`` is free.
     """
     s5, c5 = np.hypot(w[0], w[1]), w[2]
     if s5 > (_TOOL_TOLERANCE if mode == _DEMAND_TOOL else _SINGULAR):
@@ -341,8 +324,8 @@ def _roll_and_pitch(
 def _reachable_pitch(wanted: float, front: float, height: float, a2: float, a3: float, d5: float) -> float:
     """The ``theta234`` closest to the wanted one for which boom and arm reach the wrist, rad.
 
-    The squared distance they must span is ``R^2 + d5^2 - 2 d5 R cos(theta234 - centre)``, with ``R`` the distance of
-    the roll joint from the boom's joint.
+    The squared distance to span is ``R^2 + d5^2 - 2 d5 R cos(theta234 - centre)``, with ``R`` the distance of the roll
+    joint from the boom's joint.
     """
     distance = np.hypot(front, height)
     scale = 2.0 * d5 * distance

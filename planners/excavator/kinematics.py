@@ -1,8 +1,7 @@
-"""Forward kinematics of the excavator attachment, its frames, its Jacobian and where that is singular.
+"""Forward kinematics of the excavator attachment, frames, Jacobian and its singularities.
 
 Source: "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator" (2019),
-section 2. The pose is that of frame 6 at the tip of the tool, seen from frame 0: its origin, ``tip``, and its z axis,
-``axis``.
+section 2. The pose is that of frame 6 at the tip of the tool in frame 0: origin ``tip`` and z axis ``axis``.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from planners.typing import Array
 
 
 def forward_kinematics(q: ArrayLike, machine: Excavator = EXCAVATOR) -> tuple[Array, Array]:
-    """Where a posture puts the tool: the product (2-1) of the paper, multiplied out as in (2-2).
+    """Pose of the tool: the product (2-1) of the paper, multiplied out as in (2-2).
 
     Args:
         q: joint angles, ``(..., 5)``, rad.
@@ -36,9 +35,7 @@ def forward_kinematics(q: ArrayLike, machine: Excavator = EXCAVATOR) -> tuple[Ar
 
 
 def frames(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
-    """Every frame of the chain in frame 0, ``(..., 7, 4, 4)``: the base, behind the five joints, and the tip.
-
-    Column 0 of the last one is the x axis of the tool, which together with its z axis is the whole orientation.
+    """Every frame of the chain in frame 0, ``(..., 7, 4, 4)``: the base, those behind the five joints, and the tip.
 
     Args:
         q: joint angles, ``(..., 5)``, rad.
@@ -91,8 +88,8 @@ def jacobian(q: ArrayLike, machine: Excavator = EXCAVATOR, *, tool_joint: bool =
 def jacobian_determinant(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
     """Determinant of the 6 x 6 Jacobian, ``a2 a3 sin(th3) sin(th5) (x1 . p)``, ``(...)``, m^3.
 
-    ``x1 . p`` is how far the wrist lies in front of the slewing axis. So exactly three postures are singular: the elbow
-    straight or folded, the tool along the wrist's joint axis, the wrist beside the slewing axis.
+    ``x1 . p`` is the distance of the wrist in front of the slewing axis. Singular are the elbow straight or folded, the
+    tool along the wrist's joint axis, and the wrist beside the slewing axis.
 
     Args:
         q: joint angles, ``(..., 5)``, rad.

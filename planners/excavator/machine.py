@@ -1,13 +1,12 @@
-"""The excavator attachment: five revolute joints and a tool, what its links weigh and what its joints may do.
+"""Parameters of the excavator attachment: five revolute joints and a tool.
 
 Joints, in order: slew, boom, arm, wrist, roll. Frames follow the standard Denavit-Hartenberg convention, base z up;
 ``q2`` is the elevation of the boom; ``q5 = 90 deg`` puts the tool into the plane of the arm, pointing back to the
 machine ("bucket down"), ``-90 deg`` puts it forward ("bucket up").
 
 The chain is that of "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for
-Excavator" (2019), section 2. Its table of link parameters (Table 1) did not survive, so the numbers of `EXCAVATOR` are
-those of a typical 3.5 t machine and not of one maker's: lengths and masses scaled from published models of smaller
-ones, electric servo drives as in section 3.5 of the paper.
+Excavator" (2019), section 2. Its table of link parameters (Table 1) is not available, so `EXCAVATOR` is a typical 3.5 t
+machine: lengths and masses scaled from published models of smaller ones, electric servo drives as in section 3.5.
 """
 
 from __future__ import annotations
@@ -75,7 +74,7 @@ class ChainGeometry:
 
     @cached_property
     def kernel_array(self) -> Array:
-        """``(d1, a2, a3, d4, d5, d6, theta6)``, the form the compiled functions take, ``(7,)``."""
+        """``(d1, a2, a3, d4, d5, d6, theta6)``, for the compiled functions, ``(7,)``."""
         return np.array([self.d1, self.a2, self.a3, self.d4, self.d5, self.d6, self.theta6])
 
 
@@ -87,7 +86,7 @@ class Link:
         mass: kg.
         com: centre of mass in the link's own frame (the one behind its joint), m.
         inertia: moments xx, yy, zz about the centre of mass, axes of the own frame, kg m^2; products are 0.
-        actuator_inertia: of motor and gear, felt at the joint, kg m^2 (``Ia`` in the paper).
+        actuator_inertia: of motor and gear at the joint, kg m^2 (``Ia`` in the paper).
         friction: viscous friction of the joint, N m s/rad.
     """
 
@@ -113,12 +112,12 @@ class Link:
 
 @dataclass(frozen=True)
 class PayloadShape:
-    """What the tool carries: a ball of earth.
+    """The payload: a ball of earth.
 
     Attributes:
         com: its centre in the frame of link 5, m.
         density: kg/m^3.
-        rated_load: mass that a payload of 100 % stands for, kg.
+        rated_load: mass of a payload of 100 %, kg.
     """
 
     com: tuple[float, float, float] = (0.0, 0.0, 0.30)
@@ -139,7 +138,7 @@ class PayloadShape:
         return self.rated_load * percent / 100.0
 
     def gyration_square(self, mass: float) -> float:
-        """Moment of inertia about the own centre per kg, ``2 r^2 / 5`` of a ball of ``mass`` kg, m^2.
+        """Moment of inertia per kg about the centre of a ball of ``mass`` kg, ``2 r^2 / 5``, m^2.
 
         Raises:
             ValueError: if the mass is negative or not finite.
@@ -155,11 +154,11 @@ class Excavator:
     """An attachment of five joints and a tool.
 
     Attributes:
-        name: what messages and tables call it.
+        name: for messages and tables.
         geometry: lengths and offsets of the chain.
         links: the five links, from the slewing house to the rolling bucket.
         limits: torque, speed and angle of the five joints; every joint turns symmetrically about 0.
-        payload: where a payload sits and how it grows.
+        payload: its place, density and rated load.
         gravity: along -z, m/s^2.
     """
 

@@ -1,4 +1,4 @@
-"""Reference motions: cycles of quintics from rest to rest through postures."""
+"""Cyclic reference motions: quintics from rest to rest through postures."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class Cycle:
-    """A motion through postures, at rest in each, that comes back to the first and goes on.
+    """A periodic motion through postures, at rest in each.
 
     Attributes:
-        postures: joint angles, ``(k, n)``, rad; after the last comes the first.
-        durations: of the ways from each posture to the next, ``(k,)``, s.
+        postures: joint angles, ``(k, n)``, rad.
+        durations: from each posture to the next, from the last to the first, ``(k,)``, s.
     """
 
     postures: Array

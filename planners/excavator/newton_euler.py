@@ -1,7 +1,7 @@
 """Recursive Newton-Euler equations of a chain of revolute joints in two velocities, compiled.
 
 ``tau = M(q) qdd_r + C(q, qd) qd_r + g(q) + Ia qdd_r + b qd_r``, with a Coriolis matrix for which ``dM/dt - 2 C`` is
-skew: what the adaptive law of J.-J. E. Slotine and W. Li ("On the Adaptive Control of Robot Manipulators", 1987) needs.
+skew, as the adaptive law of J.-J. E. Slotine and W. Li ("On the Adaptive Control of Robot Manipulators", 1987) needs.
 With ``qd_r = qd`` it is inverse dynamics. In spatial vectors (R. Featherstone, "Rigid Body Dynamics Algorithms", 2008)
 the wrench that moves a body of inertia I is
 
@@ -18,8 +18,8 @@ A chain is the tuple ``(frames, gravity, inertia, drives)``:
 - ``inertia``: ``(n, 10)``, the parameters above;
 - ``drives``: ``(n, 2)``, inertia of each drive at its joint (kg m^2) and viscous friction (N m s/rad).
 
-``load`` ``(10,)`` is what the last link carries, in its frame, in the same parameters. In ``motion`` ``(n, 6, 3)`` the
-rows are angular and linear velocity, reference velocity and reference acceleration of a link, in its own frame.
+``load`` ``(10,)`` are the same parameters of a body carried by the last link, in its frame. The rows of ``motion``
+``(n, 6, 3)`` are angular and linear velocity, reference velocity and reference acceleration of a link in its frame.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _move(frames: Array, gravity: Array, turns: Array, qd: Array, qd_r: Array, q
 
 @njit(cache=True, nogil=True)
 def _add_wrench(body: Array, motion: Array, wrench: Array) -> None:
-    """Add the moment and force that move a body as a link of this motion ``(6, 3)`` to ``wrench`` ``(6,)``."""
+    """Add moment and force of a body in a link's motion ``(6, 3)`` to ``wrench`` ``(6,)``."""
     w, v, w_r, v_r = _vector(motion[0]), _vector(motion[1]), _vector(motion[2]), _vector(motion[3])
     spin = _scale(-0.5, _cross(w, w_r))
     drift = _scale(-0.5, _sum(_cross(w, v_r), _cross(v, w_r)))
@@ -153,7 +153,7 @@ def _add_wrench(body: Array, motion: Array, wrench: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def _project(frames: Array, turns: Array, wrench: Array, tau: Array) -> None:
-    """Joint torques that hold the wrenches ``(n, 6)`` of the links, from the tip inwards."""
+    """Joint torques of the links' wrenches ``(n, 6)``, from the tip inwards."""
     moment, force = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(tau.shape[0] - 1, -1, -1):
         force = _sum(force, _vector(wrench[i, 3:]))

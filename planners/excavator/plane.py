@@ -1,7 +1,7 @@
-"""The attachment in one plane: boom, arm and bucket alone move, joints 2 to 4.
+"""The attachment in a plane: only boom, arm and bucket (joints 2 to 4) move.
 
-The slew stands still and the roll is held at 90 deg (bucket down), so that link 5 is part of link 4. The drives have no
-inertia of their own here: that of rigid bodies is all that a planar simulator knows.
+The slew is fixed and the roll is held at 90 deg (bucket down), so that link 5 is part of link 4. The drives have no
+inertia, as in the planar simulator.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
 JOINTS = slice(1, 4)
-"""Those of the five that move."""
+"""The moving joints."""
 
 HELD_ROLL = math.radians(90.0)
 
 NO_LENGTH = 1e-3
-"""Of the bucket in `planar_arm`, m: a link must have some."""
+"""Length of the bucket in `planar_arm`, m; an `Arm` refuses 0."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class PlanarBodies:
         inertias: moments about them, ``(3,)``, kg m^2.
         lengths: of boom and arm, ``(2,)``, m.
         tip: of the tool in the frame of the bucket, ``(2,)``, m.
-        payload_com: where the centre of a payload should be in that frame, ``(2,)``, m.
+        payload_com: nominal centre of a payload in that frame, ``(2,)``, m.
     """
 
     masses: Array
@@ -61,7 +61,7 @@ def planar_dynamics(machine: Excavator = EXCAVATOR) -> ChainDynamics:
 
 
 def planar_model(machine: Excavator = EXCAVATOR, moments: bool = False) -> PayloadModel:
-    """What a controller knows: the mass of the payload and, when asked for, its two first moments."""
+    """The controllers' model: parameters are the payload's mass and, with ``moments``, its two first moments."""
     basis = on_bucket(payload_basis(machine, moments), machine)
     # x of frame 5 lies along the axes of the joints: a first moment there moves nothing in the plane
     return PayloadModel(planar_dynamics(machine), basis[[0, 2, 3]] if moments else basis)
@@ -94,12 +94,11 @@ def planar_bodies(machine: Excavator = EXCAVATOR) -> PlanarBodies:
 
 
 def planar_arm(machine: Excavator = EXCAVATOR) -> Arm:
-    """The nearest to boom, arm and bucket that an `Arm`, whose links are straight, can be; in the same joint angles.
+    """Boom, arm and bucket approximated by an `Arm`, in the same joint angles.
 
-    Its hand is the joint of the bucket. The bucket turns about it with its right inertia but with its centre in it, as
-    a payload at the hand has; boom and arm have their centres on the line between their joints. In postures and at
-    speeds of work the torques are wrong by up to 10, 11 and 22 % of the three limits with 175 kg, and by up to 14, 17
-    and 33 % with 350 kg, even if the payload is known.
+    The hand is the joint of the bucket. The bucket has its inertia about that joint but its centre in it, like a
+    payload at the hand; boom and arm have their centres on the line between their joints. At work the torque errors are
+    up to 10, 11 and 22 % of the three limits with a known payload of 175 kg, and up to 14, 17 and 33 % with 350 kg.
     """
     bodies, limits = planar_bodies(machine), machine.limits
     coms = np.array([*bodies.coms[:-1, 0], 0.0])
@@ -117,12 +116,12 @@ def planar_arm(machine: Excavator = EXCAVATOR) -> Arm:
 
 
 def planar_payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """The ball of a mass (kg) as a load of the bucket, ``(10,)``.
+    """A payload as a load of the bucket, ``(10,)``.
 
     Args:
         mass: kg.
-        machine: whose.
-        offset: of its centre from where it should be, in the frame of the bucket, m.
+        machine: the attachment.
+        offset: of its centre from the nominal one, in the frame of the bucket, m.
 
     Raises:
         ValueError: if the mass is negative or not finite.
@@ -133,9 +132,9 @@ def planar_payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[fl
 
 
 def on_bucket(parameters: Array, machine: Excavator = EXCAVATOR) -> Array:
-    """Inertial parameters ``(k, 10)`` of bodies in frame 5, in frame 4.
+    """Transform inertial parameters ``(k, 10)`` of bodies from frame 5 to frame 4.
 
-    The matrix of a body's second, first and zeroth moments of mass turns and shifts as one: ``A J A^T``.
+    The 4 x 4 matrix J of a body's second, first and zeroth moments of mass transforms as ``A J A^T``.
     """
     transform = _on_bucket_frame(machine)
     upper = np.triu_indices(3)

@@ -1,7 +1,6 @@
-"""A controller in a loop with arms that are not quite the one it knows, many rows at once.
+"""Closed-loop simulation of a controller and a batch of arms that differ from its model.
 
-The torque of a sample is held for a period (or follows with a lag), the equations of motion are integrated by
-Runge-Kutta 4.
+A sample's torque is held for a period (or follows with a lag); the equations of motion are integrated by Runge-Kutta 4.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ STEP = 2.5e-3
 
 @dataclass(frozen=True)
 class Plant:
-    """The arms as they are, one a row.
+    """The simulated arms, one a row.
 
     Attributes:
-        dynamics: what all have in common.
+        dynamics: common to all.
         inertia: inertial parameters of their links, payload included, ``(batch, n, 10)``.
         drives: inertia and friction of their joints, ``(batch, n, 2)``.
         lag: time constant of their actuators, ``(batch,)``, s; 0 for none.
@@ -52,14 +51,14 @@ class Plant:
         lag: Array | float = 0.0,
         noise: tuple[float, float] | Array = (0.0, 0.0),
     ) -> Plant:
-        """Arms with loads ``(batch, 10)``.
+        """Arms that carry loads ``(batch, 10)``.
 
         Args:
-            dynamics: of the arm that the controller knows.
-            load: inertial parameters of what the last links carry.
+            dynamics: of the arm without load.
+            load: inertial parameters of the loads, in the frame of the last link.
             link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(batch, n)``; 1 when left out.
             friction_scale: factor on the friction, a number or ``(batch,)``.
-            lag, noise: as above, or the same for all rows.
+            lag, noise: see the class; a single value holds for all rows.
         """
         rows, n = len(load), dynamics.n_joints
         scale = np.broadcast_to(1.0 if link_scale is None else link_scale, (rows, n))
@@ -77,11 +76,11 @@ class Plant:
 
     @property
     def rows(self) -> int:
-        """How many arms."""
+        """Size of the batch."""
         return len(self.inertia)
 
     def advance(self, q: Array, qd: Array, applied: Array, command: Array, period: float) -> None:
-        """Let a period (s) pass under ``command``; states and the ``applied`` torques, ``(batch, n)``, are changed."""
+        """Advance states and ``applied`` torques, ``(batch, n)``, in place by a period (s) under ``command``."""
         common = (self.dynamics.frames, self.dynamics.gravity)
         steps = math.ceil(period / STEP - 1e-9)
         _advance(common, self.inertia, self.drives, self.lag, q, qd, applied, command, period / steps, steps)
@@ -89,14 +88,14 @@ class Plant:
 
 @dataclass(frozen=True)
 class Run:
-    """What happened, at every sample.
+    """Record of a simulation at every sample.
 
     Attributes:
         t: ``(samples,)``, s.
-        q, qd: as they were, ``(samples, rows, n)``, rad, rad/s.
-        q_d, qd_d: as they should have been, ``(samples, n)``.
-        tau: the torques that the controller asked for, ``(samples, rows, n)``, N m.
-        mass: its estimate of the payload, ``(samples, rows)``, kg.
+        q, qd: joint angles and velocities, ``(samples, rows, n)``, rad, rad/s.
+        q_d, qd_d: desired ones, ``(samples, n)``.
+        tau: commanded torques, ``(samples, rows, n)``, N m.
+        mass: estimated payload, ``(samples, rows)``, kg.
     """
 
     t: Array
@@ -117,14 +116,14 @@ def simulate(
     seed: int = 0,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Follow a cycle several times, from rest on it with the payload already there.
+    """Follow a cycle several times, starting at rest on it with the payload.
 
     Args:
-        controller: with as many rows as the plant; it goes on with what it has learnt.
+        controller: with as many rows as the plant; it keeps its memory.
         plant: the arms.
-        cycle: the wanted motion.
-        cycles: how many times.
-        seed: of the noise. Every row gets the same, so that what differs between two is not luck.
+        cycle: the desired motion.
+        cycles: number of repetitions.
+        seed: of the measurement noise, which is the same in every row.
         progress: called after every cycle.
 
     Raises:
@@ -148,7 +147,7 @@ def simulate(
         tau = controller.torque(
             q + plant.noise[:, :1] * q_noise,
             qd + plant.noise[:, 1:] * qd_noise,
-            *(np.broadcast_to(wanted[k], shape) for wanted in (q_d, qd_d, qdd_d)),
+            *(np.broadcast_to(desired[k], shape) for desired in (q_d, qd_d, qdd_d)),
         )
         angles[k], speeds[k], torques[k], masses[k] = q, qd, tau, controller.mass_estimate
         if k == 0:

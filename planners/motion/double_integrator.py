@@ -1,4 +1,4 @@
-"""One joint with limited velocity and acceleration: least times, and the motions that take them, in closed form.
+"""Time-optimal motions of one joint with limited velocity and acceleration, in closed form.
 
 Every motion here accelerates to a speed, cruises, and brakes to rest. A double integrator's time-optimal motion to rest
 has this shape: L. Biagiotti and C. Melchiorri, *Trajectory Planning for Automatic Machines and Robots*, 2008, ch. 3.
@@ -13,7 +13,7 @@ from numba import njit
 from planners.typing import Array
 
 RISE, CRUISE, BRAKE, SPEED = range(4)
-"""Columns of a profile: how long each phase lasts, s, and the velocity of the cruise, rad/s."""
+"""Columns of a profile: duration of each phase, s, and the velocity of the cruise, rad/s."""
 
 BISECTIONS = 48
 
@@ -35,7 +35,7 @@ def rest_time(distance: float, v: float, top: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def entry_time(q: float, v: float, low: float, high: float, top: float, a: float) -> float:
-    """Least time, s, after which a joint can be in ``[low, high]`` for good, without necessarily being at rest.
+    """Least time, s, after which a joint can stay in ``[low, high]``, not necessarily at rest.
 
     Args:
         q, v: angle and velocity at the start, rad and rad/s.
@@ -45,9 +45,9 @@ def entry_time(q: float, v: float, low: float, high: float, top: float, a: float
     stop = q + 0.5 * v * abs(v) / a
     if low <= q <= high and low <= stop <= high:
         return 0.0
-    if stop > high or (q > high and stop >= low):  # it comes from above: look at it in the mirror
+    if stop > high or (q > high and stop >= low):  # from above: mirror
         q, v, low, high = -q, -v, -high, -low
-    room = math.sqrt(2.0 * a * (high - low))  # the most speed that can be shed inside
+    room = math.sqrt(2.0 * a * (high - low))  # largest speed to brake from inside
     arrival = math.sqrt(max(0.0, v * v + 2.0 * a * (low - q)))
     if arrival <= min(room, top):
         return (arrival - v) / a
@@ -61,7 +61,7 @@ def entry_time(q: float, v: float, low: float, high: float, top: float, a: float
 def fill_profile(distance: float, v: float, top: float, a: float, duration: float, profile: Array) -> None:
     """A motion to rest ``distance`` away that takes ``duration``, s, or the least time if that is longer.
 
-    Written to ``profile``, ``(4,)``: see `RISE`. Also the least time where no motion of this shape takes ``duration``.
+    Written to ``profile``, ``(4,)``: see `RISE`. The least time if no motion of this shape takes ``duration``.
     """
     quickest = rest_time(distance, v, top, a)
     speed = _peak(distance, v, top, a)
@@ -72,7 +72,7 @@ def fill_profile(distance: float, v: float, top: float, a: float, duration: floa
     low, high = max(-top, 0.5 * (v - a * duration)), min(top, 0.5 * (v + a * duration))
     if not _covered(low, v, a, duration) <= distance <= _covered(high, v, a, duration):
         return
-    for _ in range(BISECTIONS):  # how far it gets grows with the speed
+    for _ in range(BISECTIONS):  # the distance grows with the speed
         speed = 0.5 * (low + high)
         if _covered(speed, v, a, duration) < distance:
             low = speed
@@ -84,7 +84,7 @@ def fill_profile(distance: float, v: float, top: float, a: float, duration: floa
 
 @njit(cache=True, nogil=True)
 def along_profile(profile: Array, v: float, a: float, t: float) -> tuple[float, float, float]:
-    """Way gone, rad, velocity and acceleration at time ``t``, s, of a motion that began with velocity ``v``, rad/s."""
+    """Distance (rad), velocity and acceleration at time ``t`` (s) of a profile that starts with velocity ``v``."""
     rise, cruise, brake, speed = profile
     if t < rise:
         acceleration = math.copysign(a, speed - v)
@@ -103,8 +103,8 @@ def along_profile(profile: Array, v: float, a: float, t: float) -> tuple[float, 
 
 @njit(cache=True, nogil=True)
 def _peak(distance: float, v: float, top: float, a: float) -> float:
-    """Signed velocity of the cruise (or of its one instant) of the fastest motion to rest."""
-    beyond = distance - 0.5 * v * abs(v) / a  # from where braking at once would end
+    """Signed cruise (or peak) velocity of the fastest motion to rest."""
+    beyond = distance - 0.5 * v * abs(v) / a  # of where braking at once ends
     if beyond == 0.0:
         return v
     square = a * math.copysign(1.0, beyond) * distance + 0.5 * v * v
@@ -113,7 +113,7 @@ def _peak(distance: float, v: float, top: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _phases(distance: float, v: float, speed: float, a: float) -> float:
-    """Time of a motion that cruises with ``speed``, which is not 0."""
+    """Duration of a motion that cruises with ``speed`` (not 0)."""
     rise, brake = abs(speed - v) / a, abs(speed) / a
     cruise = (distance - 0.5 * rise * (v + speed) - 0.5 * brake * speed) / speed
     return rise + max(0.0, cruise) + brake
@@ -121,6 +121,6 @@ def _phases(distance: float, v: float, speed: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _covered(speed: float, v: float, a: float, duration: float) -> float:
-    """How far a motion gets that cruises with ``speed`` and comes to rest after ``duration``."""
+    """Distance of a motion that cruises with ``speed`` and comes to rest after ``duration``."""
     rise, brake = abs(speed - v) / a, abs(speed) / a
     return 0.5 * rise * (v + speed) + speed * (duration - rise - brake) + 0.5 * brake * speed

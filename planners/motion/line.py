@@ -1,4 +1,4 @@
-"""A motion problem reduced to its line: the target's motion and the hand's start as scalars along a path."""
+"""Reduction of a motion problem to its line: target motion and hand start as scalars along a path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planners.robot.kinematics import UnreachableTarget
 from planners.typing import Array
 
 OFF_LINE = 1e-4
-"""How far (m, m/s) hand and target may be off a common line: what a float32 observation or a tracking error leaves."""
+"""Tolerance of hand and target off a common line (m, m/s): float32 rounding and tracking errors."""
 
 Branch = Literal["start", "+", "-"]
 
@@ -24,13 +24,13 @@ class Line:
     """A motion problem along its path.
 
     Attributes:
-        problem: as it was given.
+        problem: the problem.
         arm: with the payload.
-        path: ``r -> q``; the start is at ``r = 0``, the target moves towards greater ``r``.
+        path: ``r -> q``; the start is at ``r = 0``, the target moves to greater ``r``.
         target: position, velocity and acceleration of the target in ``r`` at time 0, ``(3,)``.
         start: position, velocity and acceleration of the hand in ``r`` at time 0, ``(3,)``.
         unit: the ``r`` of the paper's ``r = 1`` (eq 7): where the target is at the horizon.
-        low, high: where along the path the joints may be.
+        low, high: interval of the path within the joint ranges.
     """
 
     problem: MotionProblem
@@ -58,13 +58,12 @@ class Line:
 
 
 def reduce_to_line(problem: MotionProblem, branch: Branch = "start") -> Line:
-    """The problem along its line, with the elbow on the wanted branch (the start posture moved there if need be).
+    """The problem along its line, with the start posture on the given elbow branch.
 
     Raises:
-        Infeasible: ``start`` if the hand is not on the target's line or moves across it, ``unreachable`` if the
-        target is
-            out of reach or moves on a curve.
-        ValueError: if an elbow branch is asked for in joint space.
+        Infeasible: ``start`` if the hand is not on the target's line or moves across it, ``unreachable`` if the target
+            is out of reach or moves on a curve.
+        ValueError: if an elbow branch is given for a target in joint angles.
     """
     target = problem.target
     if isinstance(target, FixedJoints):
@@ -81,7 +80,7 @@ def _joint_line(problem: MotionProblem, goal: Array) -> Line:
     q, qd, qdd = problem.start
     direction = goal - q
     length = float(np.linalg.norm(direction))
-    if length < 1e-12:  # already there: any direction will do
+    if length < 1e-12:  # already there: any direction
         direction = np.eye(len(q))[0]
         goal_r = 0.0
     else:
@@ -100,7 +99,7 @@ def _joint_line(problem: MotionProblem, goal: Array) -> Line:
 
 
 def _fixed_hand(problem: MotionProblem, target: FixedHand, branch: Branch) -> Line:
-    """Straight hand path to a fixed point; in joint space if the orientation of the hand has to change."""
+    """Straight hand path to a fixed point; straight in joint space if the hand's orientation changes."""
     posture = _posture(problem, branch)
     turn = 0.0 if target.orientation is None else target.orientation - float(posture.sum())
     if len(posture) == 3 and abs((turn + np.pi) % (2.0 * np.pi) - np.pi) > 1e-9:
@@ -166,7 +165,7 @@ def _direction(target: MovingHand, hand: Array) -> Array:
 
 
 def _posture(problem: MotionProblem, branch: Branch) -> Array:
-    """The start posture, or the one with the hand at the same place and the elbow on the other side."""
+    """The start posture, or its twin on the other elbow branch."""
     q = problem.q
     wanted = {"start": np.sin(q[1]) >= 0.0, "+": True, "-": False}[branch] if len(q) > 1 else True
     if branch == "start" or wanted == (np.sin(q[1]) >= 0.0):
@@ -186,9 +185,9 @@ def _inverse(arm: Arm, hand: Array, orientation: float | None) -> Array:
 
 
 def _hand_start(problem: MotionProblem, direction: Array, hand: Array) -> Array:
-    """Position, velocity and acceleration of the hand along the line; across it there must be no velocity.
+    """Position, velocity and acceleration of the hand along the line; a velocity across it is refused.
 
-    The acceleration across the line is ignored: a hand that keeps to the line has none.
+    The acceleration across the line is ignored.
     """
     q, qd, qdd = problem.start
     jacobian = problem.arm.jacobian(q)
@@ -207,7 +206,7 @@ def _hand_start(problem: MotionProblem, direction: Array, hand: Array) -> Array:
 
 
 def _line(problem: MotionProblem, path: Path, target: Array, start: Array, unit: float) -> Line:
-    """The line, cut to what the joint angles allow."""
+    """The line, cut to the joint ranges."""
     low, high = path.span
     angles = np.array(problem.joint_limits.angle)
     if np.isfinite(angles).any():

@@ -1,4 +1,4 @@
-"""Geometric paths ``r -> q`` that turn the motion of an arm into the motion of one scalar.
+"""Geometric paths ``r -> q``, along which the motion of an arm is that of one scalar.
 
 Along a path ``q = f(r)`` the joint motion follows from ``r`` and its derivatives (eq 9-11 of "Motion Planning of a
 Robot Manipulator for Conveyor Tracking"; the jerk is one derivative more):
@@ -29,7 +29,7 @@ SINGULAR_SINE = 0.05
 
 
 class Path(Protocol):
-    """Anything that gives joint angles and their derivatives along a parameter ``r``."""
+    """Joint angles and their derivatives along a parameter ``r``."""
 
     @property
     def span(self) -> tuple[float, float]:
@@ -70,8 +70,8 @@ class HandLine:
         arm: two or three links.
         origin: hand position at ``r = 0``, ``(2,)``, m.
         direction: hand displacement per unit of ``r``, ``(2,)``, m.
-        near: joint angles at ``r = 0`` up to rounding, ``(n,)``, rad: they choose the elbow, the whole turns of every
-            joint, and (three links) the orientation of the hand, which stays as it is.
+        near: joint angles at ``r = 0`` up to rounding, ``(n,)``, rad: they determine the elbow, the whole turns and
+            (three links) the constant orientation of the hand.
     """
 
     arm: Arm
@@ -99,7 +99,7 @@ class HandLine:
 
     @property
     def wrist(self) -> Array:
-        """Where the second link must end at ``r = 0``, relative to the base, ``(2,)``, m."""
+        """End of the second link at ``r = 0``, relative to the base, ``(2,)``, m."""
         offset = self.origin - self.arm.base_array
         if self.arm.n_joints == 3:
             angle = float(np.sum(self.near))
@@ -120,7 +120,7 @@ class HandLine:
             return 0.0, 0.0
         half = math.sqrt((farthest**2 - miss**2) / scale)
         low, high = foot - half, foot + half
-        if miss < nearest:  # the line runs into the hole around the base
+        if miss < nearest:  # the line meets the hole around the base
             hole = math.sqrt((nearest**2 - miss**2) / scale)
             low, high = (low, foot - hole) if foot > 0.0 else (foot + hole, high)
         return low, high
@@ -128,8 +128,8 @@ class HandLine:
     def derivatives(self, r: ArrayLike) -> Array:
         """``q, f', f'', f'''`` at ``r`` inside ``span``, exact, by implicit differentiation: see :class:`Path`.
 
-        Give neighbouring samples in order: the angles are continuous over them, and have the whole turns of ``near`` at
-        the one closest to ``r = 0``.
+        Samples must be in order: the angles are continuous over them, with the whole turns of ``near`` at the one
+        closest to ``r = 0``.
         """
         samples = np.ascontiguousarray(r, dtype=float)
         n = self.arm.n_joints

@@ -29,7 +29,7 @@ class Window(NamedTuple):
 def ride_load(line: Line, t: Array) -> Array:
     """|value| / limit of every kind and joint while the hand rides with the target, ``(samples, 4, n)``.
 
-    Infinite where the target is off the part of the line the joints can be on.
+    Infinite where the target is outside ``[line.low, line.high]``.
     """
     r, v, a = line.target_at(t)
     limits = limit_table(line)
@@ -44,8 +44,8 @@ def ride_load(line: Line, t: Array) -> Array:
 def ride_windows(line: Line) -> list[Window]:
     """Maximal intervals in which the target can be ridden, from time 0 until it leaves the path, in order.
 
-    They are found on a grid (finer within the horizon) and their edges refined, on the safe side, to 1e-8 of the
-    horizon. A target that stands still leaves the last one open: it closes at infinity.
+    They are found on a grid (finer within the horizon); the edges are refined inwards to 1e-8 of the horizon. The last
+    interval of a resting target closes at infinity.
     """
     horizon, leaving = line.problem.horizon, _leaving_time(line)
     t = np.linspace(0.0, min(horizon, leaving), 241)
@@ -67,7 +67,7 @@ def _rideable(line: Line, t: Array) -> NDArray[np.bool_]:
 
 
 def _edge(line: Line, left: float, right: float, closing: bool) -> float:
-    """The last (closing) or first (opening) rideable instant of a bracket."""
+    """The last (closing) or first (opening) rideable time of a bracket."""
     for _ in range(3):
         t = np.linspace(left, right, 65)
         first = int(np.argmax(_rideable(line, t) != closing))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,10 +66,10 @@ class Arm:
     (0 for an arm that moves in the horizontal plane).
 
     Attributes:
-        name: what messages and tables call it.
+        name: for messages and tables.
         lengths: link lengths, m.
         masses: link masses, kg.
-        limits: what the joints may do.
+        limits: of the joints.
         coms: distance of each link's centre of mass from its own joint, m; half the length when left out.
         inertias: moment of inertia about each centre of mass, kg m^2; a uniform rod's (m l^2 / 12) when left out.
         gravity: m/s^2.
@@ -107,7 +108,7 @@ class Arm:
             lowest = 0.0 if name in ("coms", "inertias") else math.ulp(0.0)
             if not all(math.isfinite(value) and value >= lowest for value in values):
                 raise ValueError(f"{self.name}: {name} {values} must be finite and positive")
-        # about its own joint every link must resist turning, or the mass matrix is singular in some posture
+        # without inertia about its own joint a link makes the mass matrix singular in some posture
         for link, (com, inertia) in enumerate(zip(self.coms, self.inertias, strict=True)):
             if com == inertia == 0.0:
                 raise ValueError(f"{self.name}: link {link} has com 0 and inertia 0; one of them must be positive")
@@ -171,9 +172,7 @@ class Arm:
 
     def joint_positions(self, q: ArrayLike) -> Array:
         """Positions of every joint and of the hand, ``(n + 1, 2)`` or ``(batch, n + 1, 2)``, m."""
-        (rows,), single = self._rows(q)
-        points = kinematics.joint_positions(self.length_array, self.base_array, rows)
-        return points[0] if single else points
+        return self._over_rows(partial(kinematics.joint_positions, self.length_array, self.base_array), q)
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
         """Hand position, ``(2,)`` or ``(batch, 2)``, m, for ``q`` of ``(n,)`` or ``(batch, n)``, rad."""
@@ -181,9 +180,7 @@ class Arm:
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative of the hand position by the joint angles, ``(2, n)`` or ``(batch, 2, n)``, m."""
-        (rows,), single = self._rows(q)
-        matrices = kinematics.jacobian(self.length_array, rows)
-        return matrices[0] if single else matrices
+        return self._over_rows(partial(kinematics.jacobian, self.length_array), q)
 
     def inverse_kinematics(self, hand: ArrayLike, orientation: ArrayLike | None = None) -> Array:
         """Every joint posture that puts the hand at a position, in closed form.
@@ -231,16 +228,17 @@ class Arm:
         Returns:
             A number, or ``(batch,)``.
         """
-        (rows,), single = self._rows(q)
-        centers = np.ascontiguousarray(np.broadcast_to(np.asarray(position, dtype=float), (len(rows), 2)))
-        gaps = clearance.clearance(self.length_array, self.base_array, self.link_radius, rows, centers, radius)
-        return gaps[0] if single else gaps
+        center = np.asarray(position, dtype=float)
+
+        def gaps(rows: Array) -> Array:
+            centers = np.ascontiguousarray(np.broadcast_to(center, (len(rows), 2)))
+            return clearance.clearance(self.length_array, self.base_array, self.link_radius, rows, centers, radius)
+
+        return self._over_rows(gaps, q)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Mass matrix, ``(n, n)`` or ``(batch, n, n)``, kg m^2."""
-        (rows,), single = self._rows(q)
-        matrices = dynamics.mass_matrix(self.chain_constants[0], rows)
-        return matrices[0] if single else matrices
+        return self._over_rows(partial(dynamics.mass_matrix, self.chain_constants[0]), q)
 
     def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Coriolis, centrifugal and gravity torques, ``(n,)`` or ``(batch, n)``, N m."""
@@ -248,24 +246,18 @@ class Arm:
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Joint torques ``M(q) qdd + h(q, qd)``, N m, for arguments all of ``(n,)`` or all of ``(batch, n)``."""
-        rows, single = self._rows(q, qd, qdd)
-        tau = dynamics.inverse_dynamics(*self.chain_constants, *rows)
-        return tau[0] if single else tau
+        return self._over_rows(partial(dynamics.inverse_dynamics, *self.chain_constants), q, qd, qdd)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
         """Joint accelerations ``M(q)^-1 (tau - h(q, qd))``, rad/s^2, for arguments all ``(n,)`` or ``(batch, n)``."""
-        rows, single = self._rows(q, qd, tau)
-        qdd = dynamics.forward_dynamics(*self.chain_constants, *rows)
-        return qdd[0] if single else qdd
+        return self._over_rows(partial(dynamics.forward_dynamics, *self.chain_constants), q, qd, tau)
 
     def energy(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Kinetic plus potential energy (zero at the height of the base), a number or ``(batch,)``, J."""
-        (angles, speeds), single = self._rows(q, qd)
-        total = dynamics.energy(*self.chain_constants, angles, speeds)
-        return total[0] if single else total
+        return self._over_rows(partial(dynamics.energy, *self.chain_constants), q, qd)
 
-    def _rows(self, *arrays: ArrayLike) -> tuple[list[Array], bool]:
-        """The arguments as contiguous ``(batch, n)`` arrays, and whether they came as single ``(n,)`` ones."""
+    def _over_rows(self, function: Callable[..., Array], *arrays: ArrayLike) -> Array:
+        """A function of contiguous ``(batch, n)`` arrays, for arguments all ``(n,)`` or all ``(batch, n)``."""
         given = [np.asarray(array, dtype=float) for array in arrays]
         shape = given[0].shape
         if len(shape) not in (1, 2) or any(array.shape != shape for array in given) or shape[-1] != self.n_joints:
@@ -273,4 +265,5 @@ class Arm:
             raise ValueError(
                 f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (batch, {self.n_joints}) for all"
             )
-        return [np.ascontiguousarray(np.atleast_2d(array)) for array in given], len(shape) == 1
+        result = function(*(np.ascontiguousarray(np.atleast_2d(array)) for array in given))
+        return result[0] if len(shape) == 1 else result

@@ -1,4 +1,4 @@
-"""How far an arm is from a disc: its links are capsules, and distances are between surfaces, in closed form."""
+"""Distance between an arm, whose links are capsules, and a disc, in closed form."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from planners.typing import Array
 
 @njit(cache=True, nogil=True)
 def nearest_on_segment(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> float:
-    """Where on the segment from a to b the point closest to p is, as a share of its length from a."""
+    """Point of the segment from a to b closest to p, as a share of the length from a."""
     dx, dy = bx - ax, by - ay
     along = (px - ax) * dx + (py - ay) * dy
     square = dx * dx + dy * dy

@@ -4,8 +4,8 @@ In absolute link angles ``phi`` (``phi_i = q_0 + ... + q_i``) the Lagrange-Euler
 
     sum_j a_ij (cos(phi_i - phi_j) phi''_j + sin(phi_i - phi_j) phi'_j^2) + g b_i cos(phi_i) = T_i
 
-with constants ``a`` (the coupling matrix, kg m^2) and ``b`` (the static moments, kg m) that hold all of the arm's
-masses, lengths and inertias. The torque of joint j in relative angles is ``tau_j = T_j + ... + T_n``.
+with constants ``a`` (coupling matrix, kg m^2) and ``b`` (static moments, kg m) from masses, lengths and inertias. The
+torque of joint j in relative angles is ``tau_j = T_j + ... + T_n``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def chain_constants(lengths: Array, masses: Array, coms: Array, inertias: Array)
         Coupling matrix ``a``, ``(n, n)``, kg m^2, and static moments ``b``, ``(n,)``, kg m.
     """
     n = len(lengths)
-    # lever[k, i]: how far link i carries the centre of mass of link k along link i's direction
+    # lever[k, i]: derivative of link k's centre of mass by link i's direction
     lever = np.tril(np.broadcast_to(lengths, (n, n)), -1) + np.diag(coms)
     coupling = np.einsum("k,ki,kj->ij", masses, lever, lever) + np.diag(inertias)
     return coupling, masses @ lever

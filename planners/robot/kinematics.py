@@ -85,7 +85,7 @@ def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) ->
     """
     square = dx * dx + dy * dy
     from_outer_rim, from_inner_rim = (l1 + l2) ** 2 - square, square - (l1 - l2) ** 2
-    if not min(from_outer_rim, from_inner_rim) >= -2e-12 * l1 * l2:  # a target on the rim must not fail by rounding
+    if not min(from_outer_rim, from_inner_rim) >= -2e-12 * l1 * l2:  # room for rounding on the rim
         return np.nan, np.nan
     q2 = np.copysign(2.0 * np.arctan2(np.sqrt(max(from_outer_rim, 0.0)), np.sqrt(max(from_inner_rim, 0.0))), elbow)
     q1 = np.arctan2(dy, dx) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))

@@ -44,6 +44,13 @@ def planar_chain(arm: Arm) -> ChainDynamics:
     )
 
 
+def acceleration(dynamics: ChainDynamics, q: Array, qd: Array, tau: Array, load: Array) -> Array:
+    """Joint accelerations ``(batch, n)`` under torques, by the mass matrix and the bias."""
+    bias = dynamics.torque(q, qd, qd, np.zeros_like(q), load)
+    qdd: Array = np.linalg.solve(dynamics.mass_matrix(q, load), (tau - bias)[..., None])[..., 0]
+    return qdd
+
+
 def with_geometry(geometry: ChainGeometry) -> Excavator:
     return dataclasses.replace(EXCAVATOR, name="test machine", geometry=geometry)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from excavator_cases import planar_chain
+from excavator_cases import acceleration, planar_chain
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -348,7 +348,7 @@ def test_the_plant_moves_as_its_equations_say(lag: float) -> None:
 
     def rates(t: float, y: Array) -> Array:
         tau = command + (held - command) * np.exp(-t / lag) if lag else command
-        return np.concatenate([y[N:], true.forward_dynamics(y[None, :N], y[None, N:], tau, load)[0]])
+        return np.concatenate([y[N:], acceleration(true, y[None, :N], y[None, N:], tau, load)[0]])
 
     y = solve_ivp(rates, (0.0, period), np.concatenate([q[0], qd[0]]), rtol=1e-12, atol=1e-13).y[:, -1]
     applied = held.copy()

@@ -147,19 +147,8 @@ def step_is_free(world: World, first: int, samples: int, q0: Array, qd0: Array, 
         i -= 1 + free_samples(world, gap, speed)
     for part in range(3):
         t = 0.5 * part * end
-        angle = q0[1] + t * (qd0[1] + 0.5 * t * qdd[1])
-        if (
-            overload(
-                world,
-                q0[0] + t * (qd0[0] + 0.5 * t * qdd[0]),
-                angle,
-                qd0[0] + t * qdd[0],
-                qd0[1] + t * qdd[1],
-                qdd[0],
-                qdd[1],
-            )
-            > 1.0
-        ):
+        q1, q2 = q0[0] + t * (qd0[0] + 0.5 * t * qdd[0]), q0[1] + t * (qd0[1] + 0.5 * t * qdd[1])
+        if overload(world, q1, q2, qd0[0] + t * qdd[0], qd0[1] + t * qdd[1], qdd[0], qdd[1]) > 1.0:
             return False
     return True
 
@@ -181,7 +170,7 @@ def overload(world: World, q1: float, q2: float, w1: float, w2: float, a1: float
 
 @njit(cache=True, nogil=True)
 def begin_rest(world: World, aim: Array, q: Array, qd: Array, together: bool, profiles: Array) -> None:
-    """Fastest motions of both joints to rest at ``aim``, written to ``profiles``; if ``together`` both take as long."""
+    """Fastest motions of both joints to rest at ``aim``, written to ``profiles``; of equal duration if ``together``."""
     duration = 0.0
     if together:
         for j in range(2):
@@ -194,9 +183,9 @@ def begin_rest(world: World, aim: Array, q: Array, qd: Array, together: bool, pr
 def entry_sample(
     world: World, goal: Goal, first: int, best: int, q0: Array, qd0: Array, profiles: Array, q: Array
 ) -> int:
-    """Sample of the path from which a motion to rest has its hand in the tolerance for good; ``q`` is scratch.
+    """Sample of the path from which a motion to rest keeps the hand in the tolerance; ``q`` is scratch.
 
-    -1 if it touches a disc before it has been held long enough, breaks a limit, or is not there before ``best``.
+    -1 if it touches a disc before the end of the hold, breaks a limit, or arrives no sooner than ``best``.
     """
     w1, w2 = max(abs(qd0[0]), abs(profiles[0, SPEED])), max(abs(qd0[1]), abs(profiles[1, SPEED]))
     speed = world.lengths[0] * w1 + world.lengths[1] * (w1 + w2)
