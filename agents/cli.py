@@ -34,9 +34,6 @@ COMMANDS = {
     ),
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.commands.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
-    "payload": Command(
-        "agents.commands.payload", "PayloadOptions", "experts with a mass on the hand, and the adaptive law"
-    ),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or go on with a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),

@@ -1,10 +1,17 @@
-"""What commands print beside tables: lines, notes on stderr, and a progress bar."""
+"""What commands share beside tables: lines, notes on stderr, a progress bar, Ctrl-C."""
 
 from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
+
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ended."""
 
 
 def say(text: str) -> None:
@@ -37,3 +44,24 @@ def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progre
         TextColumn(more),
     )
     return Progress(*columns, console=console, transient=transient, disable=not console.is_terminal)
+
+
+@contextmanager
+def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
+    """Record Ctrl-C in the list that is given: True for each.
+
+    Args:
+        at_once: whether the first raises a KeyboardInterrupt; the second always does.
+    """
+    caught: list[bool] = []
+
+    def handle(signal_number: int, frame: object) -> None:
+        caught.append(True)
+        if at_once or len(caught) > 1:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield caught
+    finally:
+        signal.signal(signal.SIGINT, before)

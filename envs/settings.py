@@ -10,7 +10,7 @@ from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 _UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
@@ -28,6 +28,14 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown(cls, given: Any) -> Any:
+        """Unknown names with the nearest known one, in nested settings too."""
+        if isinstance(given, Mapping):
+            refuse_unknown(given, cls.model_fields, "setting")
+        return given
+
     @classmethod
     def parse(cls, given: Mapping[str, Any], what: str) -> Self:
         """Settings from a mapping.
@@ -43,10 +51,7 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(dict(given))
         except ValidationError as error:
-            complaints = (
-                f"{'.'.join(map(str, item['loc']))} = {item['input']!r}: {item['msg']}" for item in error.errors()
-            )
-            raise ValueError(f"{what}: " + "; ".join(complaints)) from None
+            raise ValueError(f"{what}: " + "; ".join(map(_complaint, error.errors()))) from None
 
     @classmethod
     def record_fields(cls) -> list[tuple[str, str]]:
@@ -79,6 +84,14 @@ class Settings(BaseModel):
         rows = [(f"`{name}`", *_cells(name, field, meanings[name])) for name, field in cls.model_fields.items()]
         lines = [("key", "values", "default", "unit", "meaning"), ("---",) * 5, *rows]
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _complaint(error: Mapping[str, Any]) -> str:
+    """An error of pydantic in words; a nested unknown name needs no value."""
+    place = ".".join(map(str, error["loc"]))
+    if error["type"] == "value_error" and isinstance(error["input"], Mapping):
+        return f"{place}: {error['ctx']['error']}"
+    return f"{place} = {error['input']!r}: {error['msg']}"
 
 
 def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:

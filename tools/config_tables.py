@@ -12,10 +12,10 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from agents.evaluation.evaluate import known_env_ids
+import envs
+from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, Published
 from agents.files import write_text
 from agents.training.recipe import Amortisation, TrainingConfig, WarmStart
-from agents.yaml_config import BenchmarkConfig, BenchmarkTask, Published
 from envs.settings import Settings
 
 PAGE = Path(__file__).parent.parent / "docs" / "configs.md"
@@ -26,7 +26,7 @@ def documented() -> dict[str, type[Settings]]:
     """What has a table, by its name: benchmarks, training, and of every environment its settings and its options."""
     kinds = (BenchmarkConfig, BenchmarkTask, Published, TrainingConfig, WarmStart, Amortisation)
     found: dict[str, type[Settings]] = {kind.__name__: kind for kind in kinds}
-    for env_id in known_env_ids():
+    for env_id in envs.env_ids():
         module, _, name = str(gym.spec(env_id).entry_point).removesuffix("Env").partition(":")
         task = getattr(import_module(module), name)
         found[env_id], found[f"{env_id}/options"] = task.config_type, task.options_type

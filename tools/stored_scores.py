@@ -1,12 +1,11 @@
 """Stored scores of every expert and every shipped agent, so that none of them changes unnoticed.
 
-``python -m tools.stored_scores`` runs them all on the same seeds, apart from the leaderboard's and from those that
-choose
-agents, and writes ``data/scores.json``; with ``--check`` it compares instead. On one machine a score comes out bit for
-bit again. The tolerances are for processors and libraries that round otherwise: `COUNT_TOLERANCE` episodes of those
-that are counted, `LIMIT_TOLERANCE` of the worst limit ratio, `TOLERANCE` of all else, medians and interquartile means,
-which one episode cannot move far; and `FLOOR`, for errors that are zero but for rounding. The expert ``random`` is left
-out: what its arm does is chaos, in which the last digit decides.
+``python -m tools.stored_scores`` evaluates them all on the same seeds, apart from the leaderboard's and from those that
+select agents, and writes ``tests/agents/stored_scores.json``; with ``--check`` it compares instead. On one machine a
+score is reproduced to the bit. The tolerances are for processors and libraries that round differently:
+`COUNT_TOLERANCE` episodes of those that are counted, `LIMIT_TOLERANCE` of the worst limit ratio, `TOLERANCE` of all
+else, medians and interquartile means, which one episode cannot move far; and `FLOOR`, for errors that are zero but for
+rounding. The expert ``random`` is left out: its motion is chaotic, so that the last digit decides.
 """
 
 from __future__ import annotations
@@ -18,14 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import Progress
-from scipy import stats
 
-from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate, known_env_ids
-from agents.evaluation.leaderboard import LIMIT_TOLERANCE, METRICS
+import envs
+from agents.console import note, progress_bar
+from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate
+from agents.evaluation.summarise import LIMIT_TOLERANCE, summarise
 from agents.files import write_json
 from agents.policies.files import shipped_agents
 from agents.policies.lookup import SHIPPED, find_policy
@@ -43,8 +40,8 @@ FLOOR = 1e-5
 """Differences that are none, in the unit of the value: a hundredth of what the strictest task tolerates."""
 
 Score = Mapping[str, float | None]
-"""By name: counts of what is true or false, the interquartile mean of the return, medians of the task's own metrics,
-the worst limit ratio of all episodes. None in place of a time: never."""
+"""By name: counts of boolean metrics, the interquartile mean of the return, medians of the task's other metrics, the
+worst limit ratio of all episodes. None in place of a time: never."""
 
 
 @dataclass(frozen=True)
@@ -55,39 +52,39 @@ class ScoresOptions:
     """
 
     check: bool = False
-    """Compare with what is stored rather than store; the exit code is 1 if something differs."""
+    """Compare with the stored scores rather than store; the exit code is 1 if something differs."""
     out: Path = FILE
     """Where the scores are stored."""
 
 
 def main(options: ScoresOptions) -> int:
     """Score, with a progress bar, then store or compare; the exit code."""
-    console = Console(stderr=True)
-    scores = _scores_with_bar(console)
+    scores: dict[str, dict[str, Score]] = {}
+    with progress_bar("policies") as bar:
+        for env_id, name in bar.track(scored_policies(), description="scoring"):
+            scores.setdefault(env_id, {})[name] = score(env_id, name)
     if not options.check:
         write_json(options.out, _document(scores))
-        console.print(f"wrote {options.out}")
+        note(f"wrote {options.out}")
         return 0
     complaints = compare(load(options.out), scores)
-    for complaint in complaints:
-        console.print(complaint, soft_wrap=True)
-    console.print(f"{len(complaints)} differences from {options.out}", soft_wrap=True)
+    for complaint in (*complaints, f"{len(complaints)} differences from {options.out}"):
+        note(complaint)
     return 1 if complaints else 0
 
 
-def entrants() -> list[tuple[str, str]]:
-    """Environments, and names of what is scored there: experts, and the shipped agents."""
-    with_agent = shipped_agents()
+def scored_policies() -> list[tuple[str, str]]:
+    """Environments, and the names of the experts and of the agent that are scored there."""
     return [
         (env_id, name)
-        for env_id in known_env_ids()
-        for name in (*expert_names(env_id), *([SHIPPED] if env_id in with_agent else []))
+        for env_id in envs.env_ids()
+        for name in (*expert_names(env_id), *([SHIPPED] if env_id in shipped_agents() else []))
         if name != "random"
     ]
 
 
 def score(env_id: str, name: str) -> Score:
-    """The score of an entrant now, in the environment's default settings but for what its actions mean."""
+    """The score of a policy now, in the environment's default settings except for the meaning of its actions."""
     named = find_policy(name, env_id)
     return score_policy(named.policy, env_id, named.settings({}))
 
@@ -95,18 +92,16 @@ def score(env_id: str, name: str) -> Score:
 def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
     """The score of a policy."""
     seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-    return summary(evaluate(policy, env_id, seeds, env_config=env_config, num_envs=EPISODES))
+    return score_of(evaluate(policy, env_id, seeds, env_config=env_config, num_envs=EPISODES))
 
 
-def summary(evaluation: Evaluation) -> Score:
+def score_of(evaluation: Evaluation) -> Score:
     """The score of an evaluation."""
-    scores: dict[str, float] = {
-        "success": int(evaluation.success.sum()),
-        "return": float(stats.trim_mean(evaluation.returns, 0.25)),
-    }
-    for key in (metric.key for metric in METRICS.get(evaluation.env_id, ())):
-        values = evaluation.metrics[key]
-        scores[key] = int(values.sum()) if values.dtype == bool else float(np.median(values))
+    estimates = summarise(evaluation, bootstrap=False)
+    scores: dict[str, float] = {"success": int(evaluation.success.sum()), "return": estimates["return"].value}
+    for metric in envs.task_card(evaluation.env_id).metrics:
+        values = evaluation.metrics[metric.key]
+        scores[metric.key] = int(values.sum()) if values.dtype == bool else estimates[metric.key].value
     scores["limit_ratio"] = float(evaluation.metrics["limit_ratio"].max())
     return {name: value if math.isfinite(value) else None for name, value in scores.items()}
 
@@ -118,12 +113,13 @@ def load(path: Path = FILE) -> dict[str, dict[str, Score]]:
 
 
 def compare(stored: Mapping[str, Mapping[str, Score]], now: Mapping[str, Mapping[str, Score]]) -> list[str]:
-    """A line for each value that differs by more than is tolerated, and for whoever is in one of them only."""
-    complaints = []
-    for env_id, name in dict.fromkeys([*_pairs(stored), *_pairs(now)]):
-        before, after = (scores.get(env_id, {}).get(name, {}) for scores in (stored, now))
-        complaints += [f"{env_id}: {name}: {difference}" for difference in differences(before, after)]
-    return complaints
+    """A line for each value that differs by more than is tolerated, or is present on one side only."""
+    pairs = dict.fromkeys((env_id, name) for scores in (stored, now) for env_id in scores for name in scores[env_id])
+    return [
+        f"{env_id}: {name}: {difference}"
+        for env_id, name in pairs
+        for difference in differences(*(scores.get(env_id, {}).get(name, {}) for scores in (stored, now)))
+    ]
 
 
 def differences(stored: Score, now: Score) -> Iterator[str]:
@@ -142,18 +138,6 @@ def _close(name: str, stored: float | None, now: float | None) -> bool:
         return abs(stored - now) <= COUNT_TOLERANCE
     share = LIMIT_TOLERANCE if name == "limit_ratio" else TOLERANCE
     return math.isclose(stored, now, rel_tol=share, abs_tol=FLOOR)
-
-
-def _pairs(scores: Mapping[str, Mapping[str, Score]]) -> list[tuple[str, str]]:
-    return [(env_id, name) for env_id, entries in scores.items() for name in entries]
-
-
-def _scores_with_bar(console: Console) -> dict[str, dict[str, Score]]:
-    scores: dict[str, dict[str, Score]] = {}
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        for env_id, name in bar.track(entrants(), description="scoring"):
-            scores.setdefault(env_id, {})[name] = score(env_id, name)
-    return scores
 
 
 def _document(scores: Mapping[str, Mapping[str, Score]]) -> dict[str, Any]:

@@ -8,13 +8,14 @@ from typing import Annotated
 
 import tyro
 
-from agents.commands.benchmark import Benchmark, run_and_print
-from agents.evaluation.evaluate import known_env_ids
+import envs
+from agents.commands.benchmark import run_and_print
+from agents.evaluation.benchmark import Benchmark
+from agents.evaluation.benchmark_config import BenchmarkConfig
 from agents.policies.files import load_agent
 from agents.policies.lookup import SHIPPED, find_policy
-from agents.yaml_config import BenchmarkConfig, assigned
+from agents.yaml_config import assigned
 from envs.experts import is_expert
-from envs.settings import refuse_unknown
 
 
 @dataclass(frozen=True)
@@ -32,14 +33,14 @@ class EvaluateOptions:
     """
 
     policy: tyro.conf.Positional[str]
-    """Name of an expert, +adaptive behind it if it is to weigh the payload; agent for the one that comes with planarm;
-    or the path of a run, an agent or a .zip."""
+    """Name of an expert, with +adaptive to estimate the payload; agent for the one that comes with planarm; or the path
+    of a run, an agent or a .zip."""
     env: str | None = None
-    """Id of the environment; can be left out for what was trained here, which knows."""
+    """Id of the environment; agents that were trained here know theirs."""
     episodes: int = 100
     """How many."""
     seed: int = 0
-    """Seed of the first episode; the next episode has the next."""
+    """Seed of the first episode; each further episode has the next."""
     against: tuple[str, ...] = ()
     """Policies to compare with, on the same episodes."""
     settings: tuple[str, ...] = ()
@@ -49,7 +50,7 @@ class EvaluateOptions:
     json: Path | None = None
     """Write every episode, with versions and seeds, to this file."""
     allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Load a Stable-Baselines3 .zip although any code that is in it is run."""
+    """Load a Stable-Baselines3 .zip although any code in it is run."""
 
     def resolve(self) -> Benchmark:
         """The evaluation as a benchmark of one task.
@@ -58,27 +59,24 @@ class EvaluateOptions:
             ValueError: for an unknown policy, environment, setting or value.
         """
         env_id = self._env_id()
-        task = {"env": env_id, "env_config": assigned({}, self.settings)}
-        config = BenchmarkConfig.parse(
-            {
-                "episodes": self.episodes,
-                "bound_episodes": 0,
-                "seed": self.seed,
-                "num_envs": self.num_envs,
-                "policies": tuple(dict.fromkeys((self.policy, *self.against))),
-                "tasks": [task],
-            },
-            "evaluation setting",
-        )
+        settings = {
+            "episodes": self.episodes,
+            "bound_episodes": 0,
+            "seed": self.seed,
+            "num_envs": self.num_envs,
+            "policies": tuple(dict.fromkeys((self.policy, *self.against))),
+            "tasks": [{"env": env_id, "env_config": assigned({}, self.settings)}],
+        }
+        config = BenchmarkConfig.parse(settings, "evaluation setting")
         name = find_policy(self.policy, env_id, allow_code=self.allow_code).name
         return Benchmark(config, compared=(name,), allow_code=self.allow_code)
 
     def _env_id(self) -> str:
         if self.env is not None:
-            refuse_unknown([self.env], known_env_ids(), "environment")
+            envs.task_card(self.env)  # raises for an unknown id
             return self.env
         if is_expert(self.policy) or self.policy == SHIPPED or self.policy.endswith(".zip"):
-            raise ValueError(f"on which environment? Give --env, one of {', '.join(known_env_ids())}")
+            raise ValueError(f"on which environment? Give --env, one of {', '.join(envs.env_ids())}")
         return load_agent(self.policy).env_id
 
 

@@ -1,4 +1,4 @@
-"""`planarm paths`: the ways that several policies take from one start, side by side, as a table and a picture."""
+"""`planarm paths`: the paths of several policies from one start, side by side, as a table and a picture."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ from pathlib import Path
 from typing import Literal
 
 import tyro
-from rich import box
-from rich.table import Table
 
-from agents.evaluation.leaderboard import METRICS
+import envs
+from agents.commands.pictures import check_picture, write_picture
 from agents.figures.episode_record import EpisodeRecord, picture_of, record_episode
 from agents.figures.paths import draw_paths
-from agents.figures.sheet import FORMATS, image_bytes, new_sheet
-from agents.files import write_bytes
-from agents.papers.report import report_console
 from agents.policies.lookup import find_policy
-from envs.settings import refuse_unknown
+from agents.tables import Table
 
 
 @dataclass(frozen=True)
 class PathsOptions:
-    """Run one episode of each policy from the same start; say and draw what became of it.
+    """Run one episode of each policy from the same start; print its outcome and draw its path.
 
     The pictures of the README:
 
@@ -61,38 +57,29 @@ def run(options: PathsOptions) -> int:
     policies = [find_policy(name, options.env) for name in options.policies]
     scenario = {"scenario": options.scenario}
     records = [record_episode(options.env, named, options.seed, scenario) for named in policies]
-    console = report_console()
     start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
-    console.print(outcome_table(start, records))
+    outcome_table(start, records).show()
     if options.plot is not None:
-        sheet = draw_paths(records, start)
-        write_bytes(options.plot, image_bytes(sheet, options.plot.suffix, options.dpi, colors=256))
-        console.print(f"wrote {options.plot}")
+        write_picture(draw_paths(records, start), options.plot, options.dpi)
     return 0
 
 
 def outcome_table(title: str, records: Sequence[EpisodeRecord]) -> Table:
-    """What became of each policy, with the numbers of the leaderboard."""
-    table = Table("policy", "outcome", title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    metrics = [metric for metric in METRICS[records[0].env_id] if metric.key != "collision"]
-    for heading in (*(metric.title for metric in metrics), "limit ratio", "return"):
-        table.add_column(heading, justify="right")
+    """The outcome of each policy, with the numbers of the leaderboard."""
+    metrics = [metric for metric in envs.task_card(records[0].env_id).metrics if metric.key != "collision"]
+    headers = ("policy", "outcome", *(metric.title for metric in metrics), "limit ratio", "return")
+    rows = []
     for record in records:
-        numbers = [f"{metric.factor * record.info[metric.key]:.6g}" for metric in metrics]
-        outcome = record.outcome.replace("\n", " ")
-        last = (f"{record.info[key]:.6g}" for key in ("limit_ratio", "return"))
-        table.add_row(record.policy, outcome, *numbers, *last)
-    return table
+        numbers = [metric.factor * record.info[metric.key] for metric in metrics]
+        numbers += [record.info["limit_ratio"], record.info["return"]]
+        rows.append((record.policy, record.outcome.replace("\n", " "), *(f"{number:.6g}" for number in numbers)))
+    return Table(title, headers, rows, text_columns=2)
 
 
 def _check(options: PathsOptions) -> None:
-    picture_of(options.env)
+    picture_of(options.env)  # raises for an environment without one
     if not 1 <= len(options.policies) <= 4:
         raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
     if options.seed < 0:
         raise ValueError(f"seed {options.seed} must not be negative")
-    if not 40 <= options.dpi <= 600:
-        raise ValueError(f"dpi {options.dpi} must be from 40 to 600")
-    if options.plot is not None:
-        refuse_unknown([options.plot.suffix.lower()], FORMATS, f"file format of {options.plot}:")
-        new_sheet(1.0, 1.0)  # says now, not after the episodes, if matplotlib is missing
+    check_picture(options.plot, options.dpi)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +10,14 @@ from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 import tyro
-from rich.console import Console
-from rich.table import Table
 
-from agents.evaluation.evaluate import known_env_ids
+import envs
+from agents.console import note
 from agents.figures.episode_record import play
 from agents.figures.film import Film, require_recordable
 from agents.policies.lookup import find_policy
+from agents.tables import Table
 from agents.yaml_config import assigned
-from envs.settings import refuse_unknown
 
 Info = dict[str, Any]
 
@@ -65,7 +65,7 @@ def run(options: RolloutOptions) -> int:
         ValueError: for an unknown environment, policy or file format, before anything runs.
         gymnasium.error.DependencyNotInstalled: naming the extra that drawing or the file format needs.
     """
-    refuse_unknown([options.env], known_env_ids(), "environment")
+    envs.task_card(options.env)  # raises for an unknown id
     if options.seed < 0:
         raise ValueError(f"seed {options.seed} must not be negative")
     if options.render and options.record is not None:
@@ -76,7 +76,6 @@ def run(options: RolloutOptions) -> int:
     mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
     settings = named.settings({**assigned({}, options.settings), **mode})
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
-    console = Console()
     with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
         film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
         rate = float(env.metadata["render_fps"])
@@ -86,27 +85,18 @@ def run(options: RolloutOptions) -> int:
                 film.take(steps / rate, env.render, last=ended)
 
         info = play(env, named.policy, options.seed, {"scenario": options.scenario}, take)
-    console.print(info_table(f"{options.env}, {options.policy}, seed {options.seed}", info))
+    Table(f"{options.env}, {options.policy}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
     if film is not None and options.record is not None:
         film.write(options.record)
-        console.print(f"wrote {options.record}")
+        note(f"wrote {options.record}")
     return 0
 
 
-def info_table(title: str, info: Info) -> Table:
-    """An episode's info, nested entries indented, as a table."""
-    table = Table(title=title, show_header=False, title_justify="left")
-    table.add_column()
-    table.add_column(justify="right")
+def info_rows(info: Info, indent: str = "") -> Iterator[tuple[str, str]]:
+    """An episode's info, nested entries indented, as rows of a table."""
     for key, value in info.items():
-        if not isinstance(value, dict):
-            table.add_row(key, _shown(value))
-            continue
-        table.add_row(key, "")
-        for name, inner in value.items():
-            table.add_row(f"  {name}", _shown(inner))
-    return table
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+        if isinstance(value, dict):
+            yield f"{indent}{key}", ""
+            yield from info_rows(value, f"{indent}  ")
+        else:
+            yield f"{indent}{key}", f"{value:.6g}" if isinstance(value, float) else str(value)

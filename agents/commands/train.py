@@ -1,37 +1,30 @@
-"""`planarm train`."""
+"""`planarm train`: train an agent with PPO, or continue a run."""
 
 from __future__ import annotations
 
 import shlex
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.training.recipe import TrainingConfig
-from agents.yaml_config import load_experiment
+from agents.yaml_config import load_config
 
 if TYPE_CHECKING:
     from agents.training.run import TrainingRun
     from agents.training.scores import Row
-
-INTERRUPTED = 130
-"""Exit code of a command that Ctrl-C ended."""
 
 
 @dataclass(frozen=True)
 class TrainOptions:
     """Train an agent with PPO; needs pip install "planarm[rl]".
 
-    Ctrl-C ends the run, which --resume takes up at its last checkpoint; so does it after a crash.
+    Ctrl-C stops the run. --resume continues it from its last checkpoint, also after a crash.
 
     For example:
 
@@ -41,7 +34,7 @@ class TrainOptions:
     """
 
     config: tyro.conf.Positional[str | None] = None
-    """Name of a shipped experiment (in configs/), or a path to a YAML file of the same form."""
+    """Name of a shipped configuration (in configs/), or a path to a YAML file of the same form."""
     changes: tyro.conf.Positional[tuple[str, ...]] = ()
     """key=value for each setting to change; dots lead into nested ones, values are YAML."""
     seed: int | None = None
@@ -51,18 +44,18 @@ class TrainOptions:
     out: Path | None = None
     """Folder of the run; by default runs/ENV-DATE-seedN."""
     resume: Path | None = None
-    """Folder of a run to go on with; nothing about it can be changed."""
+    """Folder of a run to continue; none of its settings can be changed."""
 
     def resolve(self) -> TrainingConfig:
-        """The experiment with what the command line changes.
+        """The configuration with the changes of the command line.
 
         Raises:
-            ValueError: for an unknown experiment, setting or value.
+            ValueError: for an unknown configuration, setting or value.
         """
         if self.config is None:
-            raise ValueError("name an experiment, such as ppo/ConveyorTrack-v0, or a run to --resume")
+            raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a run to --resume")
         named = [f"{name}={value}" for name in ("seed", "total_steps") if (value := getattr(self, name)) is not None]
-        return load_experiment(self.config, TrainingConfig).overridden([*self.changes, *named])
+        return load_config(self.config, TrainingConfig).overridden([*self.changes, *named])
 
     def make_run(self) -> TrainingRun:
         """The run to go on with, or a new one.
@@ -88,16 +81,10 @@ def run(options: TrainOptions) -> int:
         ModuleNotFoundError: without the `rl` extra.
     """
     training = options.make_run()
-    with _stoppable() as stopped:
-        finished = _train_with_bar(training, stopped)
-    console = Console(stderr=True)
-    if not finished:
-        console.print(
-            f"stopped; continue from {training.steps:,} steps: planarm train --resume {training.folder}",
-            soft_wrap=True,
-        )
+    if not _train_with_bar(training):
+        note(f"stopped; continue from {training.steps:,} steps: planarm train --resume {training.folder}")
         return INTERRUPTED
-    console.print(f"{training.steps:,} steps; the best agent is {training.folder}/best.safetensors", soft_wrap=True)
+    note(f"{training.steps:,} steps; the best agent is {training.folder}/best.safetensors")
     return 0
 
 
@@ -109,37 +96,11 @@ def _runs() -> type[TrainingRun]:
     return TrainingRun
 
 
-@contextmanager
-def _stoppable() -> Iterator[list[bool]]:
-    """Ctrl-C as a wish, which holds until the current step is done; a second one interrupts at once."""
-    wishes: list[bool] = []
-
-    def wish(signal_number: int, frame: object) -> None:
-        if wishes:
-            raise KeyboardInterrupt
-        wishes.append(True)
-
-    before = signal.signal(signal.SIGINT, wish)
-    try:
-        yield wishes
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _train_with_bar(training: TrainingRun, stopped: list[bool]) -> bool:
+def _train_with_bar(training: TrainingRun) -> bool:
+    """Train until all is done, or Ctrl-C stops it after the current step; whether all is done."""
     from agents.training.run import Watcher
 
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("steps, {task.fields[rate]}/s"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[scores]}"),
-    )
-    bar = Progress(*columns, console=console, disable=not console.is_terminal)
+    bar = progress_bar("steps, {task.fields[rate]}/s", transient=False, more="{task.fields[scores]}")
     task = bar.add_task("beginning", total=training.config.total_steps, rate="-", scores="")
 
     def step(steps: int) -> None:
@@ -148,16 +109,16 @@ def _train_with_bar(training: TrainingRun, stopped: list[bool]) -> bool:
 
     def evaluated(row: Row) -> None:
         bar.update(task, scores=_scores(row))
-        if not console.is_terminal:
-            console.print(f"{row['steps']:,} steps, {row['seconds']:.0f} s: {_scores(row)}", soft_wrap=True)
+        if bar.disable:
+            note(f"{row['steps']:,} steps, {row['seconds']:.0f} s: {_scores(row)}")
 
-    watcher = Watcher(
-        begin=lambda line: bar.update(task, description=line),
-        step=step,
-        evaluated=evaluated,
-        stop=lambda: bool(stopped),
-    )
-    with bar:
+    with catch_interrupt(at_once=False) as interrupts, bar:
+        watcher = Watcher(
+            begin=lambda line: bar.update(task, description=line),
+            step=step,
+            evaluated=evaluated,
+            stop=lambda: bool(interrupts),
+        )
         return training.train(watcher)
 
 

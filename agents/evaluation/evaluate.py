@@ -1,4 +1,4 @@
-"""`evaluate`: one episode a seed, batched, so that every policy meets the same starts."""
+"""`evaluate`: one episode a seed, batched; every policy meets the same starts."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 PolicyMaker = Callable[[Any], "Policy"]
 """Makes a policy for an environment, single or vector."""
 Progress = Callable[[int], object]
-"""Is told how many episodes have just ended."""
+"""Called with the number of episodes that have just ended."""
 
 
 @runtime_checkable
 class Policy(Protocol):
-    """What Stable-Baselines3 calls a policy: batched observations in, batched actions out."""
+    """A policy as in Stable-Baselines3: batched observations in, batched actions out.
+
+    One that is a `CountsPlans` or an `EstimatesPayload` too has more of it recorded.
+    """
 
     def predict(
         self,
@@ -38,15 +41,39 @@ class Policy(Protocol):
         """Actions ``(num_envs, n)`` for observations ``(num_envs, size)``, and the state for the next call."""
 
 
+@runtime_checkable
+class CountsPlans(Protocol):
+    """A policy that counts its plans, so that planning is timed apart from its other work.
+
+    Attributes:
+        plans_made: so far.
+        planning_seconds: time they took.
+        infeasible: how many of them had no solution.
+    """
+
+    plans_made: int
+    planning_seconds: float
+    infeasible: int
+
+
+@runtime_checkable
+class EstimatesPayload(Protocol):
+    """A policy that estimates the payload."""
+
+    @property
+    def mass_estimate(self) -> Array | None:
+        """After the last call, ``(num_envs,)``, kg; None without an estimate."""
+
+
 @dataclass(frozen=True)
 class Timing:
     """Where the time went, all environments together.
 
     Attributes:
-        env_steps: control steps taken, environments counted one by one.
+        env_steps: control steps, summed over environments.
         plans: plans made; 0 for policies that do not plan.
         planning_seconds: spent on them.
-        policy_seconds: spent in the policy beside planning.
+        policy_seconds: spent in the policy without planning.
         env_seconds: spent in the environment's steps.
         infeasible: plans for which there was no solution.
     """
@@ -65,12 +92,12 @@ class Timing:
 
     @property
     def policy_us(self) -> float:
-        """Microseconds of the policy, beside planning, for each step of an environment."""
+        """Microseconds of the policy, without planning, per step of an environment."""
         return 1e6 * self.policy_seconds / self.env_steps
 
     @property
     def env_us(self) -> float:
-        """Microseconds of the environment for each step of an environment."""
+        """Microseconds of the environment per step of an environment."""
         return 1e6 * self.env_seconds / self.env_steps
 
     def __add__(self, other: Timing) -> Timing:
@@ -79,7 +106,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy achieved, episode by episode.
+    """Results of a policy, episode by episode.
 
     Attributes:
         policy: its name.
@@ -88,8 +115,8 @@ class Evaluation:
         returns: sum of rewards, ``(episodes,)``.
         lengths: control steps, ``(episodes,)``.
         metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; numbers in a nested
-            dict have both keys, as in ``limit_ratios/velocity``. And ``mass_estimate``, what the policy takes the
-            payload to weigh then, kg, if it has such an attribute.
+            dict have both keys, as in ``limit_ratios/velocity``. Also ``mass_estimate`` of a policy that
+            `EstimatesPayload`, kg.
         timing: where the time went.
     """
 
@@ -107,11 +134,6 @@ class Evaluation:
         return self.metrics["is_success"].astype(bool)
 
 
-def known_env_ids() -> list[str]:
-    """Ids of planarm's environments."""
-    return sorted(spec.id for spec in gym.registry.values() if str(spec.entry_point).startswith("envs."))
-
-
 def evaluate(
     policy: Policy | PolicyMaker | str,
     env_id: str,
@@ -123,16 +145,15 @@ def evaluate(
     progress: Progress | None = None,
     name: str | None = None,
 ) -> Evaluation:
-    """Run exactly one episode for each seed.
+    """Run exactly one episode for each seed, with deterministic actions.
 
-    An episode starts as its seed alone says, whatever the policy, the other seeds and the number of environments, so
-    policies that are evaluated on the same seeds can be compared in pairs.
+    The start of an episode depends on its seed alone, not on the policy, the other seeds or the number of
+    environments, so policies that are evaluated on the same seeds can be compared in pairs.
 
     Args:
         policy: the name of an expert, anything with Stable-Baselines3's ``predict``, or a function that makes one for
-            the environment; it is asked for deterministic actions.
-        env_id: an environment whose vector form resets an environment in the step that ends its episode: any of
-        planarm's.
+            the environment.
+        env_id: an environment whose vector form resets in the step that ends an episode (SAME_STEP), as planarm's do.
         seeds: one an episode.
         env_config: settings of the environment.
         options: of each ``reset``.
@@ -147,56 +168,44 @@ def evaluate(
     if num_envs < 1:
         raise ValueError(f"num_envs {num_envs} must be at least 1")
     name = name or (policy if isinstance(policy, str) else type(policy).__name__)
-    batches: list[_Batch] = []
+    parts: list[Evaluation] = []
     for first in range(0, len(numbers), num_envs):
         batch = numbers[first : first + num_envs]
         with closing(gym.make_vec(env_id, num_envs=len(batch), **(env_config or {}))) as env:
             if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
-                raise ValueError(
-                    f"{env_id} does not reset an environment in the step that ends its episode (SAME_STEP)"
-                )
+                raise ValueError(f"{env_id} does not reset in the step that ends an episode (SAME_STEP)")
             policy = acting = as_policy(policy, env)
-            batches.append(_run_batch(acting, env, batch, dict(options or {}), progress or (lambda ended: None)))
+            results = _run_batch(acting, env, batch, dict(options or {}), progress or (lambda ended: None))
+            parts.append(Evaluation(name, env_id, batch, *results))
     return Evaluation(
         policy=name,
         env_id=env_id,
-        seeds=np.array(numbers),
-        returns=np.concatenate([batch.returns for batch in batches]),
-        lengths=np.concatenate([batch.lengths for batch in batches]),
-        metrics={key: np.concatenate([batch.metrics[key] for batch in batches]) for key in batches[0].metrics},
-        timing=sum((batch.timing for batch in batches), Timing()),
+        seeds=numbers,
+        returns=np.concatenate([part.returns for part in parts]),
+        lengths=np.concatenate([part.lengths for part in parts]),
+        metrics={key: np.concatenate([part.metrics[key] for part in parts]) for key in parts[0].metrics},
+        timing=sum((part.timing for part in parts), Timing()),
     )
 
 
-@dataclass(frozen=True)
-class _Batch:
-    returns: Array
-    lengths: NDArray[np.int64]
-    metrics: dict[str, NDArray[Any]]
-    timing: Timing
-
-
 def _run_batch(
-    policy: Policy,
-    env: VectorEnv,
-    seeds: list[int],
-    options: dict[str, Any],
-    progress: Progress,
-) -> _Batch:
-    """One episode in every environment. An environment that ends sooner than others goes on, unheeded."""
+    policy: Policy, env: VectorEnv, seeds: NDArray[np.int64], options: dict[str, Any], progress: Progress
+) -> tuple[Array, NDArray[np.int64], dict[str, NDArray[Any]], Timing]:
+    """Returns, lengths, metrics and timing of one episode in every environment; finished ones step on, ignored."""
     n = env.num_envs
     returns, lengths = np.zeros(n), np.zeros(n, dtype=np.int64)
     metrics: dict[str, NDArray[Any]] = {}
     policy_seconds = env_seconds = 0.0
     steps = 0
-    planning_before = _planning(policy)
-    observation, _ = env.reset(seed=seeds, options=options)  # type: ignore[arg-type]  # a seed an environment
+    planned_before = _planned(policy)
+    estimator = policy if isinstance(policy, EstimatesPayload) else None
+    observation, _ = env.reset(seed=seeds.tolist(), options=options)
     state, begins, running = None, np.ones(n, dtype=bool), np.ones(n, dtype=bool)
     while running.any():
         before = perf_counter()
         actions, state = policy.predict(observation, state=state, episode_start=begins, deterministic=True)
         between = perf_counter()
-        estimate = getattr(policy, "mass_estimate", None)
+        estimate = None if estimator is None else estimator.mass_estimate
         observation, rewards, terminated, truncated, infos = env.step(actions)
         after = perf_counter()
         policy_seconds, env_seconds, steps = policy_seconds + between - before, env_seconds + after - between, steps + 1
@@ -210,22 +219,22 @@ def _run_batch(
                 metrics.setdefault("mass_estimate", np.full(n, np.nan))[ended] = estimate[ended]
             running &= ~ended
             progress(int(ended.sum()))
-    planning = tuple(after - before for after, before in zip(_planning(policy), planning_before, strict=True))
+    plans, planning_seconds, infeasible = np.subtract(_planned(policy), planned_before).tolist()
     timing = Timing(
         env_steps=steps * n,
-        plans=int(planning[0]),
-        planning_seconds=planning[1],
-        policy_seconds=policy_seconds - planning[1],
+        plans=int(plans),
+        planning_seconds=planning_seconds,
+        policy_seconds=policy_seconds - planning_seconds,
         env_seconds=env_seconds,
-        infeasible=int(planning[2]),
+        infeasible=int(infeasible),
     )
-    return _Batch(returns, lengths, metrics, timing)
+    return returns, lengths, metrics, timing
 
 
 def _collect(metrics: dict[str, NDArray[Any]], final: Info, ended: NDArray[np.bool_], prefix: str = "") -> None:
     """Put the numbers of the environments that ended into ``metrics``.
 
-    Reward terms are left out: they speak of the last step, not of the episode.
+    Reward terms are left out: they are of the last step, not of the episode.
     """
     for key, values in final.items():
         if key.startswith("_") or key == "reward_terms":
@@ -234,20 +243,22 @@ def _collect(metrics: dict[str, NDArray[Any]], final: Info, ended: NDArray[np.bo
             _collect(metrics, values, ended, f"{prefix}{key}/")
         elif np.issubdtype(values.dtype, np.number) or values.dtype == bool:
             missing = np.nan if np.issubdtype(values.dtype, np.floating) else 0
-            told = ended & final[f"_{key}"]
-            metrics.setdefault(prefix + key, np.full(len(ended), missing, values.dtype))[told] = values[told]
+            given = ended & final[f"_{key}"]
+            metrics.setdefault(prefix + key, np.full(len(ended), missing, values.dtype))[given] = values[given]
 
 
-def _planning(policy: Policy) -> tuple[float, float, float]:
-    """Plans made so far, the seconds they took and how many were infeasible, if the policy counts them."""
-    return tuple(getattr(policy, name, 0.0) for name in ("plans_made", "planning_seconds", "infeasible"))  # type: ignore[return-value]
+def _planned(policy: Policy) -> tuple[int, float, int]:
+    """Plans made so far, the seconds they took and how many were infeasible."""
+    if isinstance(policy, CountsPlans):
+        return policy.plans_made, policy.planning_seconds, policy.infeasible
+    return 0, 0.0, 0
 
 
 def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
     """A policy for an environment: an expert by its name, what a function makes, any other as it is.
 
     Raises:
-        ValueError: for an unknown expert, or what has no ``predict``.
+        ValueError: for an unknown expert, or an object without ``predict``.
     """
     if isinstance(policy, str):
         expert: Policy = envs.make_expert(policy, env)
@@ -262,10 +273,10 @@ def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, 
     return policy
 
 
-def _checked_seeds(seeds: Sequence[int] | NDArray[np.int64]) -> list[int]:
-    numbers = [int(seed) for seed in seeds]
-    if not numbers:
+def _checked_seeds(seeds: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    numbers = np.array([int(seed) for seed in seeds], dtype=np.int64)
+    if not numbers.size:
         raise ValueError("no seeds: give at least one, for example range(100)")
-    if min(numbers) < 0:
-        raise ValueError(f"seed {min(numbers)} must not be negative")
+    if numbers.min() < 0:
+        raise ValueError(f"seed {numbers.min()} must not be negative")
     return numbers

@@ -1,4 +1,4 @@
-"""Estimates with their uncertainty: Wilson's intervals of rates, bootstrap intervals of medians and means."""
+"""Estimates with 95 % intervals: Wilson's of rates, bootstrap intervals of medians and means."""
 
 from __future__ import annotations
 
@@ -18,11 +18,15 @@ _SEED = 20240229
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval; the ends are NaN where one episode cannot tell."""
+    """A value with its 95 % interval, whose ends are NaN if it was not computed or there is one episode only."""
 
     value: float
     low: float
     high: float
+
+    def times(self, factor: float) -> Estimate:
+        """In another unit."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high)
 
 
 def rate(outcomes: ArrayLike) -> Estimate:
@@ -35,29 +39,31 @@ def rate(outcomes: ArrayLike) -> Estimate:
 
 def mean(values: ArrayLike) -> Estimate:
     """Mean of ``values`` ``(episodes,)`` with a bootstrap interval."""
-    return _bootstrap(values, np.mean)
+    return _estimate(values, np.mean, bootstrap=True)
 
 
-def median(values: ArrayLike) -> Estimate:
-    """Median of ``values`` ``(episodes,)`` with a bootstrap interval; values may be infinite."""
-    return _bootstrap(values, np.median)
+def median(values: ArrayLike, *, bootstrap: bool = True) -> Estimate:
+    """Median of ``values`` ``(episodes,)``, which may be infinite; NaN is left out."""
+    return _estimate(values, np.median, bootstrap=bootstrap)
 
 
-def interquartile_mean(values: ArrayLike) -> Estimate:
-    """Mean of the middle half of ``values`` ``(episodes,)`` with a bootstrap interval; values may be infinite."""
-    return _bootstrap(values, lambda sample, axis: stats.trim_mean(sample, 0.25, axis=axis))
+def interquartile_mean(values: ArrayLike, *, bootstrap: bool = True) -> Estimate:
+    """Mean of the middle half of ``values`` ``(episodes,)``, which may be infinite (IQM; Agarwal et al. 2021)."""
+    return _estimate(values, lambda sample, axis: stats.trim_mean(sample, 0.25, axis=axis), bootstrap=bootstrap)
 
 
-def _bootstrap(values: ArrayLike, statistic: Callable[..., Any]) -> Estimate:
+def _estimate(values: ArrayLike, statistic: Callable[..., Any], *, bootstrap: bool) -> Estimate:
     sample = np.asarray(values, dtype=float)
-    # An infinite value takes part as a finite one so large that whatever it touches lies beyond all others:
+    sample = sample[~np.isnan(sample)]
+    if not sample.size:
+        return Estimate(np.nan, np.nan, np.nan)
+    # Infinite values become finite ones so large that every statistic they enter lies beyond all others:
     # the quantiles of the resampled statistic would otherwise meet inf - inf.
     finite = sample[np.isfinite(sample)]
     largest = float(np.abs(finite).max(initial=0.0))
     sample = np.where(np.isinf(sample), np.sign(sample) * 1e12 * (1.0 + largest), sample)
-    value = float(statistic(sample, axis=0))
-    low = high = np.nan
-    if sample.size > 1:
+    ends = [float(statistic(sample, axis=0)), np.nan, np.nan]
+    if bootstrap and sample.size > 1:
         result = stats.bootstrap(
             (sample,),
             statistic,
@@ -66,6 +72,5 @@ def _bootstrap(values: ArrayLike, statistic: Callable[..., Any]) -> Estimate:
             method="percentile",
             rng=np.random.default_rng(_SEED),
         )
-        low, high = float(result.confidence_interval.low), float(result.confidence_interval.high)
-    ends = (value, low, high)
+        ends[1:] = float(result.confidence_interval.low), float(result.confidence_interval.high)
     return Estimate(*(np.copysign(np.inf, end) if abs(end) > 1e3 * (1.0 + largest) else end for end in ends))

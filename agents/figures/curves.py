@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from agents.evaluation.leaderboard import Metric
     from agents.training.learning_curves import Curve
+    from envs.card import Metric
 
 WIDTH, HEIGHT = 10.0, 3.5
 """Of the picture, inches."""

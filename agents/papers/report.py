@@ -7,8 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rich.console import Console
-
 from agents.console import say
 from agents.figures.sheet import image_bytes
 from agents.files import write_bytes, write_json
@@ -82,14 +80,6 @@ def publish(report: Report, options: ReportOptions) -> None:
         write_json(options.json, {name: [asdict(record) for record in found] for name, found in records.items()})
     if options.plot is not None:
         write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
-
-
-def report_console() -> Console:
-    """Where a report is printed: in a file or a pipe wide enough that no cell is broken."""
-    console = Console()
-    if not console.is_terminal:
-        console.width = 160
-    return console
 
 
 def joined(values: Iterable[float], digits: int) -> str:

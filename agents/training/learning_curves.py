@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.training.recipe import TrainingConfig
-from agents.yaml_config import load_experiment
+from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
@@ -54,7 +54,7 @@ def read_curve(folder: Path) -> Curve:
     Raises:
         ValueError: if there is no run, it has not been evaluated yet, or its files are damaged.
     """
-    config = load_experiment(str(folder / "config.yaml"), TrainingConfig)
+    config = load_config(str(folder / "config.yaml"), TrainingConfig)
     path = folder / "metrics.csv"
     try:
         with path.open(encoding="utf-8", newline="") as file:

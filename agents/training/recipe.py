@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, Literal, Self
 
 from pydantic import Field
@@ -108,15 +108,6 @@ class TrainingConfig(Settings):
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
     baselines: tuple[str, ...] = Field(("dpct", "lagrange", "apf"), min_length=1)
-
-    @classmethod
-    def parse(cls, given: Mapping[str, Any], what: str) -> Self:
-        """As `Settings.parse`; mistyped names within ``warm_start`` and ``amortise`` too."""
-        for name, kind in (("warm_start", WarmStart), ("amortise", Amortisation)):
-            inner = given.get(name)
-            if isinstance(inner, Mapping):
-                given = {**given, name: kind.parse(inner, f"{what} of {name}")}
-        return super().parse(given, what)
 
     @property
     def segment_steps(self) -> int:

@@ -29,7 +29,7 @@ from agents.training.scores import Row, baseline_columns, score, score_baselines
 from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
 from agents.training.whole_episodes import WholeEpisodes
-from agents.yaml_config import load_experiment
+from agents.yaml_config import load_config
 from envs.experts import expert_names
 from envs.settings import refuse_unknown
 
@@ -88,7 +88,7 @@ class TrainingRun:
         Raises:
             ValueError: if there is no run.
         """
-        return cls(folder, load_experiment(str(folder / "config.yaml"), TrainingConfig))
+        return cls(folder, load_config(str(folder / "config.yaml"), TrainingConfig))
 
     @property
     def steps(self) -> int:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.evaluate import Evaluation, evaluate
+from agents.evaluation.evaluate import evaluate
+from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
@@ -21,7 +22,7 @@ def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
     settings = dict(config.env_config)
     if isinstance(policy, str):
         settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
-    return summary(evaluate(policy, config.env, seeds, env_config=settings))
+    return values_of(training_scores(evaluate(policy, config.env, seeds, env_config=settings)))
 
 
 def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> Row:
@@ -42,12 +43,3 @@ def baseline_columns(row: Row) -> Row:
 def merit(row: Row) -> tuple[float, float]:
     """What agents are ranked by: success rate first, then the return."""
     return row["success"], row["return"]
-
-
-def summary(evaluation: Evaluation) -> dict[str, float]:
-    """Success rate, mean return, shares of boolean metrics and medians of the others."""
-    scores = {"success": float(evaluation.success.mean()), "return": float(evaluation.returns.mean())}
-    for name, values in evaluation.metrics.items():
-        if name != "is_success" and "/" not in name:
-            scores[name] = float(values.mean() if values.dtype == bool else np.nanmedian(values))
-    return scores

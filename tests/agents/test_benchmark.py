@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import agents
-from agents.commands import benchmark
 from agents.commands.benchmark import BenchmarkOptions, run
+from agents.evaluation import benchmark
+from envs.obstacle_dodge.bound import stored_bound
 from planners import dpct
-from tools import dodge_bound
 
 SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random")}
 
@@ -46,7 +46,7 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     ] * 6
     drawn, paper, move, _, dodge, _ = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
-    assert dodge["bound"]["time_to_goal"] == dodge_bound.stored_bound([7, 8]).tolist()
+    assert dodge["bound"]["time_to_goal"] == stored_bound([7, 8]).tolist()
     assert 0.0 <= dodge["policies"][0]["summary"]["collision"]["value"] <= 1.0
     dpct_episodes, random_episodes = (policy["episodes"] for policy in drawn["policies"])
     assert dpct_episodes["seed"] == random_episodes["seed"] == [7, 8, 9]

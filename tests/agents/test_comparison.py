@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agents.evaluation.compare import as_documents, compare, compare_all, print_comparison
+from agents.evaluation.benchmark_config import BenchmarkTask
+from agents.evaluation.compare import as_documents, compare, compare_all, comparison
 from agents.evaluation.evaluate import Evaluation, Timing
 from agents.evaluation.leaderboard import TaskResult
 from agents.evaluation.statistics import Estimate
-from agents.yaml_config import BenchmarkTask
 
 INF = math.inf
 
@@ -100,7 +100,7 @@ def test_each_against_each_of_the_others() -> None:
 def test_the_table_and_the_document() -> None:
     pairs = [compare(OURS, THEIRS)]
     file = io.StringIO()
-    print_comparison(Console(file=file), "ConveyorTrack-v0", pairs)
+    comparison("ConveyorTrack-v0", pairs).show(Console(file=file))
     header, _, row = [line for line in file.getvalue().splitlines() if line.startswith("|")]
     assert [cell.strip() for cell in header.strip("|").split("|")] == [
         "difference",
@@ -121,7 +121,7 @@ def test_the_table_and_the_document() -> None:
 def test_eighty_columns_show_every_cell() -> None:
     file = io.StringIO()
     console = Console(file=file, width=80, force_terminal=True, color_system=None)
-    print_comparison(console, "ConveyorTrack-v0", [compare(OURS, THEIRS)])
+    comparison("ConveyorTrack-v0", [compare(OURS, THEIRS)]).show(console)
     text = file.getvalue()
     assert "…" not in text
     assert "ours - theirs" in text

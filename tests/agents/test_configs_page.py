@@ -12,11 +12,10 @@ import pytest
 import tyro
 import yaml
 
-import envs  # noqa: F401
+import envs
 from agents.commands.benchmark import BenchmarkOptions
 from agents.commands.train import TrainOptions
-from agents.evaluation.evaluate import known_env_ids
-from agents.yaml_config import shipped_experiments
+from agents.yaml_config import shipped_configs
 from envs.settings import Settings
 from tools import config_tables as configs_page
 from tools.config_tables import PAGE, documented, updated
@@ -57,17 +56,17 @@ def test_the_page_is_what_its_command_writes() -> None:
     assert updated(TEXT) == TEXT, "run python -m tools.config_tables"
 
 
-@pytest.mark.parametrize("env_id", known_env_ids())
+@pytest.mark.parametrize("env_id", envs.env_ids())
 def test_the_settings_of_an_environment_are_its_own(env_id: str) -> None:
     with gym.make(env_id) as env:
         config: Any = env.unwrapped.task.config  # type: ignore[attr-defined]
     assert type(config) is documented()[env_id]
 
 
-@pytest.mark.parametrize("experiment", shipped_experiments())
-def test_the_page_knows_every_shipped_experiment(experiment: str) -> None:
-    folder, _, _ = experiment.rpartition("/")
-    assert f"`{folder}/`" in TEXT if folder else f"`{experiment}.yaml`" in TEXT
+@pytest.mark.parametrize("config", shipped_configs())
+def test_the_page_knows_every_shipped_config(config: str) -> None:
+    folder, _, _ = config.rpartition("/")
+    assert f"`{folder}/`" in TEXT if folder else f"`{config}.yaml`" in TEXT
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import agents
 import envs
-from agents.evaluation.evaluate import Evaluation, Policy, known_env_ids
+from agents.evaluation.evaluate import Evaluation, Policy
 
 ENV_ID = "ConveyorTrack-v0"
 
@@ -171,7 +171,7 @@ def test_what_a_policy_takes_the_payload_for_is_kept() -> None:
     [
         ({"seeds": []}, "no seeds"),
         ({"seeds": [3, -1]}, "seed -1"),
-        ({"num_envs": 0}, "environments 0"),
+        ({"num_envs": 0}, "num_envs 0"),
         ({"policy": "dpkt"}, 'did you mean "dpct"'),
         ({"policy": 3}, "predict"),
         ({"env_config": {"horizn": 2.0}}, 'did you mean "horizon"'),
@@ -185,7 +185,7 @@ def test_what_is_wrong_is_said(arguments: dict[str, Any], complaint: str) -> Non
 
 
 def test_public_names() -> None:
-    assert known_env_ids() == sorted(known_env_ids())
-    assert ENV_ID in known_env_ids()
+    assert envs.env_ids() == sorted(envs.env_ids())
+    assert ENV_ID in envs.env_ids()
     with pytest.raises(AttributeError, match="evaluat"):
         agents.evaluat  # noqa: B018

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from agents.evaluation.benchmark_config import BenchmarkTask, Published
 from agents.evaluation.evaluate import Evaluation, Timing
-from agents.evaluation.leaderboard import TaskResult, as_document, print_leaderboard, summary
-from agents.yaml_config import BenchmarkTask, Published
+from agents.evaluation.leaderboard import TaskResult, as_document, leaderboard
 
 
 def evaluation(policy: str, success: list[bool], settling_time: list[float], returns: list[float]) -> Evaluation:
@@ -50,12 +50,12 @@ def result() -> TaskResult:
 
 def printed(result: TaskResult, *, terminal: bool, width: int = 80) -> str:
     file = io.StringIO()
-    print_leaderboard(Console(file=file, width=width, force_terminal=terminal, color_system=None), result)
+    leaderboard(result).show(Console(file=file, width=width, force_terminal=terminal, color_system=None))
     return file.getvalue()
 
 
-def test_summary_in_numbers(result: TaskResult) -> None:
-    estimates = summary(result, result.evaluations[0])
+def test_the_summary_with_the_bound(result: TaskResult) -> None:
+    estimates = result.summarise(result.evaluations[0])
     assert estimates["success"].value == 1.0
     assert estimates["settling_time"].value == pytest.approx(2.3)
     assert estimates["limit_broken"].value == 0.25

@@ -32,7 +32,8 @@ def test_the_outcomes_are_the_evaluators(
     capsys: pytest.CaptureFixture[str], env_id: str, seed: int, key: str, decimals: int, factor: float
 ) -> None:
     assert run(PathsOptions(env=env_id, policies=POLICIES, seed=seed)) == 0
-    rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    rows = {line.split("|")[1].strip(): line.strip("|").replace("|", " ") for line in lines}
     for policy in POLICIES:
         evaluation = agents.evaluate(policy, env_id, [seed])
         assert rows[policy].split()[-1] == f"{evaluation.returns[0]:.6g}"

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import envs
-from agents.evaluation.evaluate import known_env_ids
 from envs.experts import expert_names
 from tools.config_tables import documented
 
@@ -26,10 +25,10 @@ pytestmark = pytest.mark.rl
 
 MODES = [
     (env_id, mode)
-    for env_id in known_env_ids()
+    for env_id in envs.env_ids()
     for mode in get_args(documented()[env_id].model_fields["control_mode"].annotation)
 ]
-every_env = pytest.mark.parametrize("env_id", known_env_ids())
+every_env = pytest.mark.parametrize("env_id", envs.env_ids())
 EPISODES = 2
 
 
@@ -56,7 +55,7 @@ def test_environment_check(env_id: str, control_mode: str) -> None:
 
 @pytest.mark.parametrize(
     ("env_id", "name"),
-    [(env_id, name) for env_id in known_env_ids() for name in expert_names(env_id) if name != "random"],
+    [(env_id, name) for env_id in envs.env_ids() for name in expert_names(env_id) if name != "random"],
 )
 def test_an_expert_is_evaluated_like_a_policy(env_id: str, name: str) -> None:
     venv = DummyVecEnv([lambda: Monitor(gym.make(env_id), info_keywords=("is_success", "limit_ratio"))])

@@ -31,7 +31,7 @@ from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun, Watcher
 from agents.training.seeding import TRAINING_SEEDS, env_seed
 from agents.training.vec_env import NativeVecEnv
-from agents.yaml_config import load_experiment, shipped_experiments
+from agents.yaml_config import load_config, shipped_configs
 from envs.conveyor_track.env import LAYOUT
 
 pytestmark = pytest.mark.rl
@@ -182,9 +182,9 @@ def test_a_run_killed_in_its_warm_start_starts_over(
     assert same_run(tmp_path, uninterrupted[0])
 
 
-@pytest.mark.parametrize("name", [name for name in shipped_experiments() if name.startswith("ppo/")])
-def test_shipped_experiments_give_the_same_weights_twice(name: str, tmp_path: Path) -> None:
-    config = load_experiment(name, TrainingConfig)
+@pytest.mark.parametrize("name", [name for name in shipped_configs() if name.startswith("ppo/")])
+def test_shipped_configs_give_the_same_weights_twice(name: str, tmp_path: Path) -> None:
+    config = load_config(name, TrainingConfig)
     changes = [
         "total_steps=3200",
         "num_envs=8",
@@ -228,7 +228,7 @@ def test_what_a_run_leaves(finished: Path) -> None:
     about = json.loads((finished / "run.json").read_text())
     assert about["seed"] == 3
     assert {"torch", "stable-baselines3", "planarm"} <= set(about["versions"])
-    assert load_experiment(str(finished / "config.yaml"), TrainingConfig) == small()
+    assert load_config(str(finished / "config.yaml"), TrainingConfig) == small()
     assert list((finished / "tensorboard").iterdir())
     best = max(rows, key=lambda row: (float(row["success"]), float(row["return"])))
     agent = load_agent(finished)
@@ -284,9 +284,9 @@ def test_discounted_returns() -> None:
     assert [answer.tolist() for answer in answers] == [[3.0, 4.0, 4.0], [3.0]]
 
 
-@pytest.mark.parametrize("name", [name for name in shipped_experiments() if name.startswith("ppo/")])
-def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
-    config = load_experiment(name, TrainingConfig)
+@pytest.mark.parametrize("name", [name for name in shipped_configs() if name.startswith("ppo/")])
+def test_shipped_configs_can_begin(name: str, tmp_path: Path) -> None:
+    config = load_config(name, TrainingConfig)
     assert config.env == name.removeprefix("ppo/")
     few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8", "baselines=[apf]"]
     assert main(["train", name, *few, "warm_start=null", "amortise=null", "--seed", "1", "--out", str(tmp_path)]) == 0
@@ -307,7 +307,7 @@ def test_shipped_experiments_can_begin(name: str, tmp_path: Path) -> None:
         (["ppo/ConveyorTrack-v0", "fine.part_eror=2"], 'did you mean "part_error"'),
         (["ppo/ConveyorTrack-v0", "baselines=[dptc]"], 'did you mean "dpct"'),
         (["ppo/ConveyorTrack-v0", "warm_start.expert=dptc"], 'did you mean "dpct"'),
-        ([], "name an experiment"),
+        ([], "name a configuration"),
         (["ppo/ConveyorTrack-v0", "--resume", "runs/x"], "--resume takes no other"),
         (["--resume", "runs/none"], "cannot read"),
     ],

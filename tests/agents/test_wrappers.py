@@ -13,11 +13,10 @@ from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordBatchStatistics
 
 import envs
-from agents.evaluation.evaluate import known_env_ids
 from envs.experts import expert_names
 
 every_expert = pytest.mark.parametrize(
-    ("env_id", "name"), [(env_id, name) for env_id in known_env_ids() for name in expert_names(env_id)]
+    ("env_id", "name"), [(env_id, name) for env_id in envs.env_ids() for name in expert_names(env_id)]
 )
 FIRST, SNIPPET = 4, 15
 """Step with which a film begins, and its frames if the episode has as many."""

@@ -15,11 +15,11 @@ import pytest
 from agents.evaluation.evaluate import Policy, as_policy
 from agents.policies.lookup import find_policy
 from tools import stored_scores as scores
-from tools.stored_scores import FILE, ScoresOptions, differences, entrants, load, main, score, score_policy
+from tools.stored_scores import FILE, ScoresOptions, differences, load, main, score, score_policy, scored_policies
 
 Change = Callable[[Any], Any]
 STORED = load()
-QUICK = [(env_id, name) for env_id, name in entrants() if name in ("apf", "follower", "agent")]
+QUICK = [(env_id, name) for env_id, name in scored_policies() if name in ("apf", "follower", "agent")]
 
 
 class Changed:
@@ -65,10 +65,10 @@ def late() -> Change:
 
 
 def test_what_is_stored_is_all_there_is() -> None:
-    assert [(env_id, name) for env_id, entries in STORED.items() for name in entries] == entrants()
+    assert [(env_id, name) for env_id, entries in STORED.items() for name in entries] == scored_policies()
 
 
-@pytest.mark.parametrize(("env_id", "name"), entrants())
+@pytest.mark.parametrize(("env_id", "name"), scored_policies())
 def test_scores_are_what_is_stored(env_id: str, name: str) -> None:
     assert list(differences(STORED[env_id][name], score(env_id, name))) == []
 
@@ -106,8 +106,8 @@ def test_what_is_tolerated(stored: Mapping[str, Any], now: Mapping[str, Any], co
 
 @pytest.fixture
 def follower_alone(monkeypatch: pytest.MonkeyPatch) -> str:
-    env_id = entrants()[0][0]
-    monkeypatch.setattr(scores, "entrants", lambda: [(env_id, "follower")])
+    env_id = scored_policies()[0][0]
+    monkeypatch.setattr(scores, "scored_policies", lambda: [(env_id, "follower")])
     return env_id
 
 

@@ -1,4 +1,4 @@
-"""Experiments: the shipped ones are valid, and what is wrong in others is said."""
+"""Configurations: the shipped ones are valid, and what is wrong in others is said."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from pathlib import Path
 import pytest
 
 from agents.commands.benchmark import BenchmarkOptions
-from agents.yaml_config import BenchmarkConfig, load_experiment, shipped_experiments
+from agents.evaluation.benchmark_config import BenchmarkConfig
+from agents.yaml_config import load_config, shipped_configs
 
 GOOD = "episodes: 3\nbound_episodes: 1\npolicies: [follower]\ntasks:\n  - env: ConveyorTrack-v0\n"
 
 
 @pytest.fixture
-def experiment(tmp_path: Path) -> Path:
+def config_file(tmp_path: Path) -> Path:
     return tmp_path / "mine.yaml"
 
 
 def test_the_shipped_benchmark_is_valid() -> None:
-    assert "benchmark" in shipped_experiments()
-    config = load_experiment("benchmark", BenchmarkConfig)
+    assert "benchmark" in shipped_configs()
+    config = load_config("benchmark", BenchmarkConfig)
     assert config.policies == ("agent", "dpct", "lagrange", "apf", "follower", "random")
     paper = config.tasks[1]
     assert paper.options == {"scenario": "paper"}
@@ -27,9 +28,9 @@ def test_the_shipped_benchmark_is_valid() -> None:
     assert paper.published.settling_time == 1.10
 
 
-def test_a_path_is_read(experiment: Path) -> None:
-    experiment.write_text(GOOD)
-    config = load_experiment(str(experiment), BenchmarkConfig)
+def test_a_path_is_read(config_file: Path) -> None:
+    config_file.write_text(GOOD)
+    config = load_config(str(config_file), BenchmarkConfig)
     assert (config.episodes, config.seed, config.tasks[0].title) == (3, 0, "ConveyorTrack-v0")
 
 
@@ -37,7 +38,7 @@ def test_a_path_is_read(experiment: Path) -> None:
     ("text", "complaint"),
     [
         (GOOD + "sede: 3\n", 'unknown .* "sede"; did you mean "seed"'),
-        (GOOD + "    optoins: {}\n", 'unknown task setting "optoins"; did you mean "options"'),
+        (GOOD + "    optoins: {}\n", 'tasks.0: unknown setting "optoins"; did you mean "options"'),
         (GOOD + "    published: {sourc: x, settling_time: 1}\n", '"sourc"; did you mean "source"'),
         (GOOD.replace("episodes: 3", "episodes: 0"), "episodes = 0"),
         (GOOD.replace("policies: [follower]", "policies: []"), "policies"),
@@ -45,20 +46,20 @@ def test_a_path_is_read(experiment: Path) -> None:
         ("- 3", "must hold names and values"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said(experiment: Path, text: str, complaint: str) -> None:
-    experiment.write_text(text)
+def test_what_is_wrong_in_a_file_is_said(config_file: Path, text: str, complaint: str) -> None:
+    config_file.write_text(text)
     with pytest.raises(ValueError, match=complaint):
-        load_experiment(str(experiment), BenchmarkConfig)
+        load_config(str(config_file), BenchmarkConfig)
 
 
 def test_missing_files_and_unknown_names(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="cannot read"):
-        load_experiment(str(tmp_path / "none.yaml"), BenchmarkConfig)
+        load_config(str(tmp_path / "none.yaml"), BenchmarkConfig)
     with pytest.raises(ValueError, match='did you mean "benchmark"'):
-        load_experiment("benchmrak", BenchmarkConfig)
+        load_config("benchmrak", BenchmarkConfig)
 
 
-def test_the_command_line_changes_the_experiment() -> None:
+def test_the_command_line_changes_the_configuration() -> None:
     options = BenchmarkOptions(episodes=2, seed=9, policies=("random",), tasks=("ConveyorTrack-v0/paper",), num_envs=1)
     config = options.resolve()
     assert (config.episodes, config.seed, config.policies, config.num_envs) == (2, 9, ("random",), 1)

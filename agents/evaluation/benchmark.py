@@ -1,0 +1,144 @@
+"""A benchmark under way: policies x tasks on the same seeds, their bounds and their comparisons in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import envs
+from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask
+from agents.evaluation.bounds import best_known
+from agents.evaluation.compare import Pair, as_documents, compare_all
+from agents.evaluation.evaluate import Evaluation, Progress, as_policy, evaluate
+from agents.evaluation.leaderboard import TaskResult, as_document
+from agents.policies.lookup import NamedPolicy, find_policy
+from agents.provenance import machine, versions
+
+WARM_UP = 2
+"""Episodes that are run before any that counts."""
+
+
+@dataclass
+class Benchmark:
+    """A benchmark: `results` holds what is finished, also after an interruption.
+
+    Attributes:
+        config: what to run.
+        compared: policies that are compared with all others in pairs; if None, those that are no experts.
+        allow_code: whether models of Stable-Baselines3 may be loaded.
+        results: one a task.
+        complete: whether all is done.
+    """
+
+    config: BenchmarkConfig
+    compared: tuple[str, ...] | None = None
+    allow_code: bool = False
+    results: list[TaskResult] = field(default_factory=list)
+    complete: bool = False
+
+    @property
+    def total_episodes(self) -> int:
+        """Episodes to run, and episodes to bound."""
+        return sum(
+            self._episodes(task) * len(task.policies or self.config.policies) + self._bounded(task)
+            for task in self.config.tasks
+        )
+
+    def policies(self, task: BenchmarkTask) -> list[NamedPolicy]:
+        """The policies of a task.
+
+        Raises:
+            ValueError: for an unknown policy, or one of another environment.
+        """
+        names = task.policies or self.config.policies
+        return [find_policy(name, task.env, allow_code=self.allow_code) for name in names]
+
+    def check(self) -> None:
+        """Make every environment and policy once, so that errors are raised before the first episode."""
+        for task in self.config.tasks:
+            envs.task_card(task.env)
+            for named in self.policies(task):
+                with closing(gym.make_vec(task.env, num_envs=1, **named.settings(task.env_config))) as env:
+                    observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
+                    policy = as_policy(named.policy, env)
+                    if not named.is_expert:
+                        policy.predict(observation, deterministic=True)
+
+    def warm_up(self, progress: Progress) -> None:
+        """Run a little of everything, so that no timing includes compilation.
+
+        One environment and several are compiled apart, because their arrays differ in layout.
+        """
+        for task in self.config.tasks:
+            for named in self.policies(task):
+                self._evaluate(task, named, self._seeds(task)[:WARM_UP], progress)
+
+    def fill(self, begin: Callable[[str], object], progress: Progress) -> None:
+        """Run everything.
+
+        Args:
+            begin: called with a description of what begins.
+            progress: called with the number of episodes that have just ended.
+        """
+        for task in self.config.tasks:
+            seeds, bound = self._seeds(task), envs.task_card(task.env).bound
+            result = TaskResult(task, seeds)
+            self.results.append(result)
+            for named in self.policies(task):
+                begin(f"{task.title}: {named.name}")
+                result.evaluations.append(self._evaluate(task, named, seeds, progress))
+                if named.action_config:
+                    result.action_configs[named.name] = named.action_config
+            if bound is not None and self._bounded(task):
+                begin(f"{task.title}: bound")
+                first = seeds[: self._bounded(task)].tolist()
+                result.bounds = best_known(
+                    task.env, bound, first, env_config=task.env_config, options=task.options, progress=progress
+                )
+        self.complete = True
+
+    def document(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {
+            "complete": self.complete,
+            "versions": versions(),
+            "machine": machine(),
+            "config": self.config.model_dump(mode="json"),
+            "results": [{**as_document(result), "pairs": as_documents(self.pairs(result))} for result in self.results],
+        }
+
+    def pairs(self, result: TaskResult) -> list[Pair]:
+        """The comparisons of a task, of what is finished."""
+        learnt = [named.name for named in self.policies(result.task) if not named.is_expert]
+        return compare_all(result, learnt if self.compared is None else self.compared)
+
+    def _evaluate(
+        self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Progress
+    ) -> Evaluation:
+        return evaluate(
+            named.policy,
+            task.env,
+            seeds,
+            env_config=named.settings(task.env_config),
+            options=task.options,
+            num_envs=self.config.num_envs,
+            progress=progress,
+            name=named.name,
+        )
+
+    def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
+        return self.config.seed + np.arange(self._episodes(task))
+
+    def _episodes(self, task: BenchmarkTask) -> int:
+        return task.episodes or self.config.episodes
+
+    def _bounded(self, task: BenchmarkTask) -> int:
+        """Number of episodes whose bound is computed."""
+        wanted = self.config.bound_episodes if task.bound_episodes is None else task.bound_episodes
+        return min(self._episodes(task), wanted) if envs.task_card(task.env).bound is not None else 0
