@@ -295,4 +295,4 @@ def _slack_steps(
 def _excess(bounded: Array, value: Array) -> float:
     """Largest excess of a scaled limit, 0 if there is none."""
     excess = np.where(bounded, np.stack((-value, value), axis=2) - 1.0, 0.0)
-    return max(0.0, np.max(excess))
+    return float(max(0.0, np.max(excess)))

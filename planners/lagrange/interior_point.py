@@ -224,4 +224,4 @@ def _merit(
     if not np.all(slacks > 0.0):
         return np.inf
     smooth = index(weights, point.tau, task.power, eps)
-    return smooth - barrier * np.sum(np.log(slacks)) + penalty * np.sum(np.abs(slacks - rooms))
+    return float(smooth - barrier * np.sum(np.log(slacks)) + penalty * np.sum(np.abs(slacks - rooms)))
