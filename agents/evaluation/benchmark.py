@@ -116,7 +116,7 @@ class Benchmark:
     def pairs(self, result: TaskResult) -> list[Pair]:
         """The comparisons of a task, of what is finished."""
         learnt = [named.name for named in self.policies(result.task) if not named.is_expert]
-        return compare_all(result, learnt if self.compared is None else self.compared)
+        return compare_all(result.evaluations, learnt if self.compared is None else self.compared)
 
     def _evaluate(
         self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Progress

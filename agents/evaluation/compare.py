@@ -11,7 +11,6 @@ import numpy as np
 
 from agents.evaluation import statistics
 from agents.evaluation.evaluate import Evaluation
-from agents.evaluation.leaderboard import TaskResult
 from agents.evaluation.statistics import Estimate
 from agents.evaluation.summarise import card_of
 from agents.tables import Table, interval_text, number_text
@@ -66,11 +65,11 @@ def compare(policy: Evaluation, against: Evaluation) -> Pair:
     )
 
 
-def compare_all(result: TaskResult, compared: Iterable[str]) -> list[Pair]:
+def compare_all(evaluations: Sequence[Evaluation], compared: Iterable[str]) -> list[Pair]:
     """Each of some policies of a task against each of the others."""
     names = set(compared)
-    ours = [evaluation for evaluation in result.evaluations if evaluation.policy in names]
-    others = [evaluation for evaluation in result.evaluations if evaluation.policy not in names]
+    ours = [evaluation for evaluation in evaluations if evaluation.policy in names]
+    others = [evaluation for evaluation in evaluations if evaluation.policy not in names]
     return [compare(one, other) for one in ours for other in others]
 
 
