@@ -54,7 +54,7 @@ class PayloadExpert(Expert):
 
     def _residual(self, q: Array, qd: Array, reference: tuple[Array, Array, Array]) -> Array:
         """Actions that add up to the wanted torque with Slotine and Li's law for an empty bucket."""
-        base = self._empty.wanted_torque(q, qd, *reference)
+        base = self._empty.unlimited_torque(q, qd, *reference)
         room, limit = RESIDUAL_SHARE * self._scale, self._scale
         within = np.clip(base - room, -limit, limit), np.clip(base + room, -limit, limit)
         return (self._controller.torque(q, qd, *reference, within=within) - base) / room

@@ -16,9 +16,8 @@ from planners.control.laws import (
     PDGravity,
     SlotineLi,
 )
-from planners.control.model import ArmModel
+from planners.control.model import ArmModel, PlanarArmModel
 from planners.control.payload_estimation import PayloadScale, Weighing
-from planners.control.planar import PlanarArmModel
 from planners.control.tracking import Gains, held_torque, held_torque_single, tracking_acceleration
 
 __all__ = [

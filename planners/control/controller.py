@@ -151,22 +151,22 @@ class Controller(ABC):
             ``(batch, n)``, N m.
         """
         sample = Sample(q, qd, q_d, qd_d, qdd_d)
-        wanted = self._wanted(sample)
+        unlimited = self._law(sample)
         limit = self.settings.torque_limit
         lower, upper = within or (-limit, limit)
-        tau: Array = np.clip(wanted, lower, upper)
-        self._learn(sample, free=tau == wanted)
+        tau: Array = np.clip(unlimited, lower, upper)
+        self._update(sample, free=tau == unlimited)
         return tau
 
-    def wanted_torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+    def unlimited_torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
         """Torques of the law without limits, see `torque`; the memory stays as it is."""
-        return self._wanted(Sample(q, qd, q_d, qd_d, qdd_d))
+        return self._law(Sample(q, qd, q_d, qd_d, qdd_d))
 
     @abstractmethod
-    def _wanted(self, sample: Sample) -> Array:
+    def _law(self, sample: Sample) -> Array:
         """The torques of the law, without limits."""
 
-    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:  # noqa: B027
+    def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:  # noqa: B027
         """Update the memory; ``free`` marks joints whose torque is within its limit.
 
         Integrals and estimates leave out the other joints: there the error comes from the limit.

@@ -120,7 +120,7 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
 
     Args:
         arm: the arm as the controller knows it.
-        q, qd, qdd: joint angles, velocities and wanted mean accelerations, ``(batch, n)``.
+        q, qd, qdd: joint angles, velocities and desired mean accelerations, ``(batch, n)``.
         period: control period, s.
 
     Returns:

@@ -17,7 +17,7 @@ from planners.typing import Array
 class PDGravity(Controller):
     """PD control with gravity compensation: ``inertia (lambda^2 e + 2 lambda e') + g(q)``."""
 
-    def _wanted(self, sample: Sample) -> Array:
+    def _law(self, sample: Sample) -> Array:
         bandwidth, still = self.settings.bandwidth, np.zeros_like(sample.q)
         feedback = self.settings.inertia * bandwidth * (bandwidth * sample.error + 2.0 * sample.error_rate)
         return feedback + self.model.torque(sample.q, still, still, still, self.parameters)
@@ -26,7 +26,7 @@ class PDGravity(Controller):
 class ComputedTorque(Controller):
     """Inverse dynamics of the desired acceleration plus PD: with an exact model a double error pole at -lambda."""
 
-    def _wanted(self, sample: Sample) -> Array:
+    def _law(self, sample: Sample) -> Array:
         return self.model.torque(sample.q, sample.qd, sample.qd, self._acceleration(sample), self.parameters)
 
     def _acceleration(self, sample: Sample) -> Array:
@@ -44,7 +44,7 @@ class IntegralComputedTorque(ComputedTorque):
         feedback = 3.0 * (bandwidth * sample.error + sample.error_rate) + bandwidth**2 * self._carried
         return sample.qdd_d + bandwidth * feedback
 
-    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+    def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         self._carried += self.settings.period * sample.error * free
 
 
@@ -83,7 +83,7 @@ class AdaptiveComputedTorque(AdaptiveController, ComputedTorque):
 
     _carried_at_first = np.nan  # the last velocity; none before the first sample
 
-    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+    def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         measured = (sample.qd - self._carried) / self.settings.period
         qdd = np.where(np.isnan(measured), sample.qdd_d, measured)
         direction = free * (self.settings.bandwidth * sample.error + sample.error_rate)
@@ -102,12 +102,12 @@ class SlotineLi(AdaptiveController):
         tau = M q_r'' + C q_r' + g + K s,    parameters' = gain Y(q, q', q_r', q_r'')^T s,    K = lambda inertia
     """
 
-    def _wanted(self, sample: Sample) -> Array:
+    def _law(self, sample: Sample) -> Array:
         qd_r, qdd_r = self._reference(sample)
         damping = self.settings.bandwidth * self.settings.inertia
         return self.model.torque(sample.q, sample.qd, qd_r, qdd_r, self.parameters) + damping * (qd_r - sample.qd)
 
-    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+    def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         qd_r, qdd_r = self._reference(sample)
         self._adapt(self.model.regressor(sample.q, sample.qd, qd_r, qdd_r), free * (qd_r - sample.qd))
 
@@ -124,8 +124,8 @@ class IntegralSlotineLi(SlotineLi):
     compensates what no parameter describes (friction, another centre of mass).
     """
 
-    def _learn(self, sample: Sample, free: NDArray[np.bool_]) -> None:
-        super()._learn(sample, free)
+    def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
+        super()._update(sample, free)
         self._carried += self.settings.period * sample.error * free
 
     def _reference(self, sample: Sample) -> tuple[Array, Array]:

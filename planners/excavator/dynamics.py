@@ -67,7 +67,7 @@ class ChainDynamics:
         Args:
             q, qd: state, ``(batch, n)``.
             qd_r, qdd_r: reference velocity and acceleration, ``(batch, n)``.
-            load: inertial parameters of what the last link carries, ``(batch, 10)``; none when left out.
+            load: inertial parameters of the last link's load, ``(batch, 10)``; none when left out.
         """
         return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
 
@@ -150,7 +150,7 @@ def payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, fl
 
 
 def payload_basis(machine: Excavator = EXCAVATOR, moments: bool = False, typical_mass: float = 175.0) -> Array:
-    """Basis of an unknown payload's parameters: its mass and, when asked for, the shift of its centre.
+    """Basis of an unknown payload's parameters: its mass and, with ``moments``, the shift of its centre.
 
     Args:
         machine: the attachment.

@@ -66,7 +66,7 @@ _SHOULDER, _BUCKET, _ELBOW, _RANGE, _TOOL = (int(flag) for flag in IKStatus)
 _AXIS_ONLY, _REPORT_TOOL, _DEMAND_TOOL = range(3)
 
 _ROUNDING = 1e-9  # rad or relative: a posture on the very limit of a joint is inside
-_SINGULAR = 5e-13  # rad, of the tool's axis: what a target may be off for a singular posture to serve it
+_SINGULAR = 5e-13  # rad, error of the tool's axis up to which a singular posture is accepted
 _TOOL_TOLERANCE = 1e-6  # rad, of the sixth angle of a full pose
 
 
@@ -322,7 +322,7 @@ def _roll_and_pitch(
 
 @njit(cache=True, nogil=True)
 def _reachable_pitch(wanted: float, front: float, height: float, a2: float, a3: float, d5: float) -> float:
-    """The ``theta234`` closest to the wanted one for which boom and arm reach the wrist, rad.
+    """The ``theta234`` closest to ``wanted`` for which boom and arm reach the wrist, rad.
 
     The squared distance to span is ``R^2 + d5^2 - 2 d5 R cos(theta234 - centre)``, with ``R`` the distance of the roll
     joint from the boom's joint.

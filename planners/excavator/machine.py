@@ -27,7 +27,7 @@ JOINT_NAMES = ("slew", "boom", "arm", "wrist", "roll")
 @dataclass(frozen=True)
 class ChainGeometry:
     """Denavit-Hartenberg parameters, named as in the paper (section 2): frame ``i`` is ``T(z, d) T(z, theta) T(x, a)
-    T(x, alpha)`` from frame ``i - 1``; alpha is 90, 0, 0, 90, -90, 0 degrees and what is not listed here is 0.
+    T(x, alpha)`` from frame ``i - 1``; alpha is 90, 0, 0, 90, -90, 0 degrees; all else is 0.
 
     Attributes:
         d1: height of the boom's joint above the base, m.

@@ -196,7 +196,7 @@ class Arm:
 
         Raises:
             UnreachableTarget: if a target is out of reach; the message names it and the reach.
-            ValueError: if the arm has neither two nor three links, or the orientation is missing or unwanted.
+            ValueError: if the arm has neither two nor three links, or the orientation is missing or superfluous.
         """
         target = np.asarray(hand, dtype=float)
         if target.ndim not in (1, 2) or target.shape[-1] != 2:

@@ -108,7 +108,7 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     Args:
         lengths: link lengths, ``(2,)``, m.
         base: position of the first joint, ``(2,)``, m.
-        hand: wanted hand positions, ``(batch, 2)``, m.
+        hand: hand positions, ``(batch, 2)``, m.
 
     Returns:
         Joint angles ``(batch, 2, 2)``: branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
@@ -137,14 +137,14 @@ def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Ar
     Args:
         lengths: link lengths, ``(3,)``, m.
         base: position of the first joint, ``(2,)``, m.
-        hand: wanted hand positions, ``(batch, 2)``, m.
-        orientation: wanted absolute angle of the last link, ``(batch,)``, rad.
+        hand: hand positions, ``(batch, 2)``, m.
+        orientation: absolute angle of the last link, ``(batch,)``, rad.
 
     Returns:
         Joint angles ``(batch, 2, 3)``: branch 0 has ``q2 >= 0``, branch 1 has ``q2 <= 0``.
 
     Raises:
-        UnreachableTarget: if the wrist this asks for lies outside the reach of the first two links.
+        UnreachableTarget: if the wrist lies outside the reach of the first two links.
     """
     last = lengths[2] * np.stack([np.cos(orientation), np.sin(orientation)], axis=-1)
     try:

@@ -242,7 +242,7 @@ def test_to_ask_what_is_wanted_teaches_nothing(name: str) -> None:
     controller, limit = make_controller(name), EXCAVATOR.torque_limit_array
     for sample in np.random.default_rng(0).normal(0.0, 0.05, (10, 5, 1, N)) + POSTURE:
         before = controller.memory
-        wanted = controller.wanted_torque(*sample)
+        wanted = controller.unlimited_torque(*sample)
         np.testing.assert_array_equal(controller.memory, before)
         np.testing.assert_array_equal(controller.torque(*sample), np.clip(wanted, -limit, limit))
 

@@ -107,7 +107,7 @@ def search(
             It must not end before the horizon.
         step: s.
         radii: of the discs, ``(k,)``, m.
-        limits: what the joints may do; the arm's with half of its acceleration when left out.
+        limits: of the joints; the arm's with half of its acceleration when left out.
         tolerance: largest distance of the hand from the goal, m.
         hold: time for which the goal is held, s.
         horizon: time by which it has been held, s.
@@ -148,8 +148,8 @@ def search(
     for time_step in time_steps:
         lattice = Lattice(start, world.acceleration * time_step, round(time_step / step), time_step)
         effort = Effort(gap, nodes if trajectory is None else nodes // POLISH, entry)
-        verdict, sooner, lower, looked_at, motion, profiles = explore(world, target, lattice, effort)
-        expanded += looked_at
+        verdict, sooner, lower, states, motion, profiles = explore(world, target, lattice, effort)
+        expanded += states
         if verdict == FOUND:
             entry = sooner
             pieces = _pieces(world, lattice, motion, profiles)
