@@ -84,7 +84,8 @@ def run(options: RolloutOptions) -> int:
             if film is not None:
                 film.take(steps / rate, env.render, last=ended)
 
-        info = play(env, named.policy, options.seed, {"scenario": options.scenario}, take)
+        reset_options = {} if options.scenario == "random" else {"scenario": options.scenario}
+        info = play(env, named.policy, options.seed, reset_options, take)
     Table(f"{options.env}, {options.policy}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
     if film is not None and options.record is not None:
         film.write(options.record)

@@ -7,9 +7,8 @@ from typing import Any
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.conveyor_track.experts import meet_on_line
-from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
-from envs.experts.potential_field import MovingTargetExpert
+from envs.experts.reactive import FollowerExpert, MovingTargetExpert
 from envs.physics.actuation import CONTROL_MODES
 from planners import dpct, lagrange
 

@@ -13,10 +13,8 @@ import gymnasium as gym
 
 from envs.card import env_ids, task_card
 from envs.experts.base import Expert
-from envs.experts.follower import FollowerExpert
 from envs.experts.planning import PlanningExpert
-from envs.experts.potential_field import JointFieldExpert, MovingTargetExpert
-from envs.experts.random_policy import RandomExpert
+from envs.experts.reactive import FollowerExpert, JointFieldExpert, MovingTargetExpert, RandomExpert
 from envs.settings import refuse_unknown
 from envs.task import Task
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,33 +18,12 @@ PAYLOAD_TOLERANCE = 0.01
 """Replan when the payload estimate differs by more from the one planned for, kg."""
 
 
-@dataclass(frozen=True)
-class _Tracking:
-    """The `state` of a planning expert: each environment's plan and its progress.
-
-    Attributes:
-        q, qd: plans sampled at the control periods, ``(num_envs, samples, n)``.
-        begun: control periods left when the plan was made, ``(num_envs,)``.
-        last: index of the last planned sample, ``(num_envs,)``; 0 where there is no plan.
-        posed: observations the plans were made from, ``(num_envs, size)``.
-        payload: payload estimates they were made for, ``(num_envs,)``, kg.
-        due: control periods left at the next observation, ``(num_envs,)``.
-    """
-
-    q: Array
-    qd: Array
-    begun: NDArray[np.int64]
-    last: NDArray[np.int64]
-    posed: Observation
-    payload: Array
-    due: NDArray[np.int64]
-
-
 class PlanningExpert(Expert):
     """Plans at the start of an episode, and periodically if asked to; tracks the plan by computed torque.
 
     An environment is replanned where its observation does not continue the last episode, and where the payload
     estimate has changed. Without a plan (the problem has no solution), and past its end, the arm brakes within limits.
+    The `state` is a record of each environment's plan, and the control periods left at the next observation.
 
     Args:
         task: the environment's task.
@@ -60,78 +39,69 @@ class PlanningExpert(Expert):
         self._planner = planner
         self._replan_every = replan_every
         self._gains = gains or Gains.sampled(task.config.control_period)
+        samples = task.horizon_steps + 1, task.arm.n_joints
+        self._plan_type = np.dtype(
+            [
+                ("q", "f8", samples),  # the plan at the control periods
+                ("qd", "f8", samples),
+                ("last", "i8"),  # index of the last planned sample, 0 without a plan
+                ("begun", "i8"),  # control periods left when the plan was made
+                ("posed", "f4", task.layout.size),  # the observation it was made from
+                ("payload", "f8"),  # the payload it was made for, kg
+            ]
+        )
 
-    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, _Tracking]:
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
         left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period).astype(np.int64)
-        tracking = cast(_Tracking | None, state)
-        if tracking is None or len(tracking.due) != len(observations):
-            tracking = self._nothing(len(observations))
-        anew = starts | (tracking.due != left)
+        if state is None or len(state[1]) != len(observations):
+            state = np.zeros(len(observations), self._plan_type), np.full(len(observations), -1)
+        plans, due = state
+        anew = starts | (due != left)
         if self._replan_every is not None:
-            anew |= tracking.begun - left >= self._replan_every
+            anew |= plans["begun"] - left >= self._replan_every
         if anew.any():
-            tracking, _ = self._replanned(_forgotten(tracking, observations, left, anew), observations, left, anew)
-        misjudged = np.abs(self._payload - tracking.payload) > PAYLOAD_TOLERANCE
+            plans = plans.copy()
+            plans["last"][anew], plans["begun"][anew], plans["posed"][anew] = 0, left[anew], observations[anew]
+            self._replan(plans, observations, left, anew)
+        misjudged = np.abs(self._payload - plans["payload"]) > PAYLOAD_TOLERANCE
         if misjudged.any():
-            posed, begun = tracking.posed, tracking.begun
-            tracking, planned = self._replanned(tracking, observations, left, misjudged)
+            posed, begun, plans = plans["posed"], plans["begun"], plans.copy()
+            failed = misjudged & ~self._replan(plans, observations, left, misjudged)
             # Not every planner starts from a moving arm; in the first periods the old start is close enough.
-            again = misjudged & ~planned
-            if again.any():
-                tracking, _ = self._replanned(tracking, posed, begun, again)
-        batch, sample = np.arange(len(observations)), tracking.begun - left
-        now, ahead = np.minimum(sample, tracking.last), np.minimum(sample + 1, tracking.last)
+            self._replan(plans, posed, begun, failed)
+        rows, sample = np.arange(len(observations)), plans["begun"] - left
+        now, ahead = np.minimum(sample, plans["last"]), np.minimum(sample + 1, plans["last"])
         qdd = tracking_acceleration(
             seen["joint_position"],
             seen["joint_velocity"],
-            (tracking.q[batch, now], tracking.qd[batch, now]),
-            (tracking.q[batch, ahead], tracking.qd[batch, ahead]),
+            (plans["q"][rows, now], plans["qd"][rows, now]),
+            (plans["q"][rows, ahead], plans["qd"][rows, ahead]),
             self.task.config.control_period,
             self._gains,
         )
-        braking = sample >= tracking.last
+        braking = sample >= plans["last"]
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
-        return self._action_for(seen, qdd), replace(tracking, due=left - 1)
+        return self._action_for(seen, qdd), (plans, left - 1)
 
-    def _nothing(self, num_envs: int) -> _Tracking:
-        samples = (num_envs, self.task.horizon_steps + 1, self.task.arm.n_joints)
-        zero = np.zeros(num_envs, dtype=np.int64)
-        posed = np.zeros((num_envs, self.task.layout.size), dtype=np.float32)
-        return _Tracking(np.zeros(samples), np.zeros(samples), zero, zero, posed, np.zeros(num_envs), zero - 1)
-
-    def _replanned(
-        self, old: _Tracking, observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
-    ) -> tuple[_Tracking, NDArray[np.bool_]]:
-        """Replan environments ``anew`` from observations with so many periods left.
-
-        Returns the new state, and which environments have a new plan; the others keep theirs.
-        """
-        new = replace(
-            old,
-            q=old.q.copy(),
-            qd=old.qd.copy(),
-            begun=old.begun.copy(),
-            last=old.last.copy(),
-            posed=old.posed.copy(),
-            payload=np.where(anew, self._payload, old.payload),
-        )
+    def _replan(
+        self, plans: NDArray[Any], observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Replace plans in place, from observations with so many periods left, and say which have been replaced."""
         planned = np.zeros_like(anew)
         period = self.task.config.control_period
-        for env_index in np.flatnonzero(anew):
-            problem = self.task.motion_problem(observations[env_index])
-            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[env_index])))
+        plans["payload"][anew] = self._payload[anew]
+        for row in np.flatnonzero(anew):
+            problem = self.task.motion_problem(observations[row])
+            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[row])))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
-                new.q[env_index, : last + 1], new.qd[env_index, : last + 1], _ = plan.at(period * np.arange(last + 1))
-                new.begun[env_index], new.last[env_index], new.posed[env_index] = (
-                    left[env_index],
-                    last,
-                    observations[env_index],
-                )
-                planned[env_index] = True
-        return new, planned
+                q, qd, _ = plan.at(period * np.arange(last + 1))
+                plans["q"][row, : last + 1], plans["qd"][row, : last + 1] = q, qd
+                plans["last"][row], plans["begun"][row], plans["posed"][row] = last, left[row], observations[row]
+                planned[row] = True
+        return planned
 
     def _braking(self, seen: dict[str, Array]) -> Array:
         """Accelerations that bring the joints to rest within the limits."""
@@ -145,15 +115,3 @@ class PlanningExpert(Expert):
         wanted = self._within_torque(seen, -np.sign(qd) * gentle)
         reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
         return reachable
-
-
-def _forgotten(
-    old: _Tracking, observations: Observation, left: NDArray[np.int64], batch: NDArray[np.bool_]
-) -> _Tracking:
-    """The same without the plans of some environments, which start from these observations."""
-    return replace(
-        old,
-        begun=np.where(batch, left, old.begun),
-        last=np.where(batch, 0, old.last),
-        posed=np.where(batch[:, None], observations, old.posed),
-    )

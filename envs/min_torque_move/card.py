@@ -7,7 +7,7 @@ from typing import Any
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
-from envs.experts.potential_field import JointFieldExpert
+from envs.experts.reactive import JointFieldExpert
 from planners import dpct, lagrange, quintic
 
 
