@@ -9,6 +9,7 @@ Ctrl-C ends the search and keeps the best gains so far.
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -108,16 +109,12 @@ def main(options: TuneOptions) -> None:
         console.print("not better: nothing is stored")
         return
     recipe = {
-        "command": "python -m tools.tune_apf",
+        "command": " ".join(["python -m tools.tune_apf", *sys.argv[1:]]),
         "seeds": [FIRST_SEED, FIRST_SEED + options.seeds - 1],
         "not_trivial": len(search.seeds),
-        "generations": options.generations,
-        "population": options.population,
-        "seed": options.seed,
         "tried": search.tried,
         "collision_counts": COLLISION,
         "score": search.score,
-        "confirmed_on": [FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm - 1],
         "confirmed_score": confirmed,
         "confirmed_score_before": confirmed_before,
         "versions": versions(),

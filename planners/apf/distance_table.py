@@ -46,15 +46,10 @@ class DistanceTable:
         object.__setattr__(self, "shifts", shifts)
 
     @classmethod
-    def static(cls) -> DistanceTable:
-        """The plain distance (eq 10)."""
-        return cls(np.zeros((2, 2)), 1.0)
-
-    @classmethod
     def looking_ahead(
         cls, time: float, max_speed: float = 3.0, speeds: int = 13, directions: int = 19
     ) -> DistanceTable:
-        """The table ``-T v cos(beta)`` for a look-ahead ``time`` T, s, of so many ``speeds`` by ``directions``.
+        """The table ``-T v cos(beta)`` for a look-ahead ``time`` T, s; with 0 the plain distance (eq 10).
 
         Raises:
             ValueError: if the time is negative or not finite, or the table has fewer than 2 rows or columns.

@@ -53,15 +53,11 @@ def make_field(
     Raises:
         ValueError: if a gain is not finite and positive, or the distance is unknown.
     """
-    if distance == "table":
-        table = DistanceTable.looking_ahead(LOOK_AHEAD)
-    elif distance == "static":
-        table = DistanceTable.static()
-    elif isinstance(distance, DistanceTable):
-        table = distance
-    else:
-        raise ValueError(f"distance {distance!r} must be 'table', 'static' or a DistanceTable")
-    return HandField(make_gains(attraction, repulsion, influence, square), table.shifts, table.max_speed)
+    if not isinstance(distance, DistanceTable):
+        if distance not in ("table", "static"):
+            raise ValueError(f"distance {distance!r} must be 'table', 'static' or a DistanceTable")
+        distance = DistanceTable.looking_ahead(LOOK_AHEAD if distance == "table" else 0.0)
+    return HandField(make_gains(attraction, repulsion, influence, square), distance.shifts, distance.max_speed)
 
 
 @njit(cache=True, nogil=True)

@@ -58,24 +58,17 @@ def make_gains(attraction: float, repulsion: float, influence: float, square: bo
 
 
 @njit(cache=True, nogil=True)
-def wall(gains: Gains, rho: float) -> float:
-    """Repulsive potential (eq 8, 9) at distance ``rho`` (m) from a disc, m^2/s."""
+def wall(gains: Gains, rho: float) -> tuple[float, float]:
+    """Repulsive potential (eq 8, 9) at distance ``rho`` (m) from a disc, m^2/s, and its derivative by rho, m/s."""
     if rho > gains.influence:
-        return 0.0
+        return 0.0, 0.0
     inside = max(rho, NEAREST_SHARE * gains.influence)
     height = 1.0 / inside - 1.0 / gains.influence
-    potential = 0.5 * gains.repulsion * (height * height if gains.square else height)
-    return potential + wall_slope(gains, inside) * (rho - inside)
-
-
-@njit(cache=True, nogil=True)
-def wall_slope(gains: Gains, rho: float) -> float:
-    """Derivative of :func:`wall` by the distance, m/s: 0 or negative."""
-    if rho > gains.influence:
-        return 0.0
-    inside = max(rho, NEAREST_SHARE * gains.influence)
     slope = -0.5 * gains.repulsion / (inside * inside)
-    return slope * 2.0 * (1.0 / inside - 1.0 / gains.influence) if gains.square else slope
+    if gains.square:
+        slope = slope * 2.0 * height
+    value = 0.5 * gains.repulsion * (height * height if gains.square else height)
+    return value + slope * (rho - inside), slope
 
 
 @njit(cache=True, nogil=True)
@@ -94,7 +87,7 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
         x, y = hands[i, 0], hands[i, 1]
         bowl[i] = 0.5 * gains.attraction * ((x - goal[0]) ** 2 + (y - goal[1]) ** 2)
         for k in range(radii.shape[0]):
-            walls[i] += wall(gains, np.hypot(x - positions[k, 0], y - positions[k, 1]) - radii[k])
+            walls[i] += wall(gains, np.hypot(x - positions[k, 0], y - positions[k, 1]) - radii[k])[0]
     return bowl, walls
 
 
@@ -111,7 +104,7 @@ def gradient_single(
     for k in range(radii.shape[0]):
         dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
         distance = np.hypot(dx, dy)
-        slope = wall_slope(gains, distance - radii[k] + shifts[k])
+        _, slope = wall(gains, distance - radii[k] + shifts[k])
         if distance > 0.0:  # no direction at the centre
             gradient[0] += slope * dx / distance
             gradient[1] += slope * dy / distance

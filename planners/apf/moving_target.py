@@ -118,36 +118,30 @@ def approach(
 
 @njit(cache=True, nogil=True)
 def _approach(
-    model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
+    model: _ArmModel, q: Array, qd: Array, qdd: Array, targets: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
-    for row in range(q.shape[0]):
-        now = _Target(target.position[row], target.velocity[row], target.acceleration[row])
-        _approach_single(model, q[row], qd[row], qdd[row], now, period, bandwidth, out[row])
-
-
-@njit(cache=True, nogil=True)
-def _approach_single(
-    model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, period: float, bandwidth: float, out: Array
-) -> None:
-    # Bounds of the joint accelerations.
     lower, upper = np.empty(2), np.empty(2)
-    for i in range(2):
-        lower[i], upper[i] = smooth_bounds(
-            qd[i], qdd[i], period, model.velocity[i], model.acceleration[i], model.jerk[i]
-        )
-    # Across the path the linear field decides; along it, what the limits allow now and where the hand will meet it.
-    along = _direction(target)
-    x, v, y, vy = _relative_to_target(model, q, qd, target, along)
-    vy += period * linear_field(y, vy, period, bandwidth)
-    now = _response_now(model, q, qd, qdd, target, along, v, vy, period)
-    lowest, highest = _interval(now, lower, upper, model.torque)
-    if lowest > highest:
-        lowest = highest = 0.5 * (lowest + highest)
-    braking, jerk = _braking(model, now, _response_at_meeting(model, q, target, along, x, v))
-    s = attraction(x, v, (lowest, highest), braking, jerk, period, bandwidth)
-    for i in range(2):
-        out[i] = min(upper[i], max(lower[i], now.still[i] + now.slope[i] * s))
-    _fit_torque(now, model.torque, lower, upper, out)
+    for row in range(q.shape[0]):
+        # Bounds of the joint accelerations.
+        for i in range(2):
+            lower[i], upper[i] = smooth_bounds(
+                qd[row, i], qdd[row, i], period, model.velocity[i], model.acceleration[i], model.jerk[i]
+            )
+        # Across the path: the linear field.
+        target = _Target(targets.position[row], targets.velocity[row], targets.acceleration[row])
+        along = _direction(target)
+        x, v, y, vy = _relative_to_target(model, q[row], qd[row], target, along)
+        vy += period * linear_field(y, vy, period, bandwidth)
+        # Along it: the attraction within what the limits allow now, and where the hand will meet the target.
+        now = _response_now(model, q[row], qd[row], qdd[row], target, along, v, vy, period)
+        lowest, highest = _interval(now, lower, upper, model.torque)
+        if lowest > highest:
+            lowest = highest = 0.5 * (lowest + highest)
+        braking, jerk = _braking(model, now, _response_at_meeting(model, q[row], target, along, x, v))
+        s = attraction(x, v, (lowest, highest), braking, jerk, period, bandwidth)
+        for i in range(2):
+            out[row, i] = min(upper[i], max(lower[i], now.still[i] + now.slope[i] * s))
+        _fit_torque(now, model.torque, lower, upper, out[row])
 
 
 @njit(cache=True, nogil=True)

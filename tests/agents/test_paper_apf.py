@@ -11,7 +11,7 @@ from paper_results import Regenerate
 from agents.papers.apf.facts import stable_distance
 from agents.papers.apf.runs import DISTANCES, GOAL, SCENES, START, WALLS, paper_problem, random_problems, scene_rows
 from planners.apf.hand_field import make_field
-from planners.apf.khatib import wall_slope
+from planners.apf.khatib import wall
 
 
 @pytest.fixture(scope="module")
@@ -30,15 +30,15 @@ def test_every_table_is_complete(document: dict[str, Any]) -> None:
 
 def test_scenes_show_what_their_titles_say(document: dict[str, Any]) -> None:
     rows = {(row["scene"], row["distance"], row["wall"]): row for row in document["scenes"]}
-    for wall in WALLS.values():
-        static, table = (rows["crossing", distance, wall] for distance in DISTANCES)
+    for name in WALLS.values():
+        static, table = (rows["crossing", distance, name] for distance in DISTANCES)
         assert static["outcome"] == table["outcome"] == "reached"
         assert table["hand_clearance"] > static["hand_clearance"] + 0.05
         assert table["time"] > static["time"]
-        outcomes = [rows["crossing, other elbow", distance, wall]["outcome"] for distance in DISTANCES]
+        outcomes = [rows["crossing, other elbow", distance, name]["outcome"] for distance in DISTANCES]
         assert outcomes == ["collision", "reached"]
         for distance in DISTANCES:
-            hit, stuck = rows["elbow", distance, wall], rows["gate", distance, wall]
+            hit, stuck = rows["elbow", distance, name], rows["gate", distance, name]
             assert hit["outcome"] == "collision"
             assert hit["arm_clearance"] < 0.0 < 0.2 < hit["hand_clearance"]
             assert stuck["outcome"] == "local_minimum"
@@ -90,7 +90,7 @@ def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
 def test_stable_distance_is_where_steps_stop_to_settle() -> None:
     gains, period = make_field().gains, 0.02
     nearest = stable_distance(gains, period)
-    curvature = (wall_slope(gains, nearest + 1e-6) - wall_slope(gains, nearest - 1e-6)) / 2e-6
+    curvature = (wall(gains, nearest + 1e-6)[1] - wall(gains, nearest - 1e-6)[1]) / 2e-6
     assert period * (curvature + gains.attraction) == pytest.approx(2.0, rel=1e-6)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM, FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.apf.hand_field import joint_rates_single, make_field
-from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_single, make_gains, potential, wall, wall_slope
+from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_single, make_gains, potential, wall
 from planners.apf.paper import follow_field, plan_paper, posture
 from planners.robot.kinematics import wrap
 from planners.typing import Array
@@ -45,8 +45,8 @@ def test_wall_is_the_equation(square: bool) -> None:
     gains = make_gains(1.0, 0.004, 0.3, square)
     height = 1.0 / 0.12 - 1.0 / 0.3
     expected = 0.5 * 0.004 * height**2 if square else 0.5 * (2.0 * 0.004 / 0.3) * height
-    assert wall(gains, 0.12) == pytest.approx(expected, rel=1e-12)
-    assert wall(gains, 0.301) == wall_slope(gains, 0.301) == 0.0
+    assert wall(gains, 0.12)[0] == pytest.approx(expected, rel=1e-12)
+    assert wall(gains, 0.301)[0] == wall(gains, 0.301)[1] == 0.0
 
 
 @pytest.mark.parametrize("square", [True, False])
@@ -67,9 +67,9 @@ def test_gradient_is_the_slope_of_the_potential(square: bool, hand: Array, discs
 
 def test_the_printed_wall_pushes_at_once_and_khatibs_does_not() -> None:
     printed, khatib = make_gains(1.0, 0.004, 0.3, square=False), make_gains(1.0, 0.004, 0.3)
-    assert wall_slope(printed, 0.3) == pytest.approx(-printed.repulsion / (2.0 * 0.3**2))
-    assert wall_slope(khatib, 0.3) == 0.0
-    assert wall_slope(printed, 0.15) == pytest.approx(wall_slope(khatib, 0.15))
+    assert wall(printed, 0.3)[1] == pytest.approx(-printed.repulsion / (2.0 * 0.3**2))
+    assert wall(khatib, 0.3)[1] == 0.0
+    assert wall(printed, 0.15)[1] == pytest.approx(wall(khatib, 0.15)[1])
 
 
 @pytest.mark.parametrize("square", [True, False])
@@ -77,7 +77,7 @@ def test_a_shift_counts_as_distance(square: bool) -> None:
     gains, gradient = make_gains(1.0, 0.004, 0.3, square), np.empty(2)
     center, radii = np.array([[0.0, 0.0]]), np.array([0.1])
     gradient_single(gains, np.array([0.4, 0.0]), np.array([0.4, 0.0]), center, radii, np.array([-0.15]), gradient)
-    np.testing.assert_allclose(gradient, [wall_slope(gains, 0.15), 0.0], atol=1e-15)
+    np.testing.assert_allclose(gradient, [wall(gains, 0.15)[1], 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["attraction", "repulsion", "influence"])
@@ -234,7 +234,7 @@ def test_the_printed_wall_makes_a_hand_chatter_that_is_pulled_against_it(period:
         motion = follow_field(stuck, make_field(square=square, distance="static"), period=period)
         assert motion.outcome == "local_minimum"
         spread.append(np.ptp(np.einsum("sj,sj->s", ARM.jacobian(motion.q[-100:])[:, 0], motion.qd[-100:])))
-    jump = -wall_slope(make_field(square=False).gains, 0.3)
+    jump = -wall(make_field(square=False).gains, 0.3)[1]
     assert spread[0] < 0.01 < 0.9 * jump < spread[1] < 1.1 * jump
 
 

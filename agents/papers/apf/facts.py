@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from agents.papers.report import Fact
 from planners import MotionProblem
 from planners.apf.hand_field import joint_rates_single, make_field
-from planners.apf.khatib import Gains, wall_slope
+from planners.apf.khatib import Gains, wall
 from planners.apf.paper import PERIOD, follow_field, posture
 
 CONTROL_PERIOD = 0.02  # s, of a policy in the environment
@@ -43,7 +43,7 @@ def step_time(problem: MotionProblem) -> Fact:
 def missing_square() -> Fact:
     """Eq 8 against Khatib's wall where the influence begins."""
     printed, khatib = make_field(square=False).gains, make_field().gains
-    jumps = [-wall_slope(gains, gains.influence) for gains in (printed, khatib)]
+    jumps = [-wall(gains, gains.influence)[1] for gains in (printed, khatib)]
     return Fact(
         f"Eq 8 lacks the square of Khatib's wall. As printed, the velocity of the hand jumps by {jumps[0]:.3f} m/s "
         f"where a disc comes within rho_0 = {printed.influence:g} m; with the square by {jumps[1]:.3f}.",
