@@ -18,10 +18,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 import envs  # noqa: F401  registers the environment
+from agents.console import note, progress_bar
 from agents.files import write_json
 from agents.provenance import versions
 from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_seen, solve
@@ -43,10 +42,8 @@ class DodgeBoundOptions:
 
 def main(options: DodgeBoundOptions) -> None:
     """Search, with a progress bar, and store."""
-    console = Console(stderr=True)
     bounds = _begin(options.out)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+    with progress_bar("seeds", transient=False) as progress:
         task = progress.add_task(ENV_ID, total=options.seeds, completed=len(bounds.verdicts))
         try:
             while len(bounds.verdicts) < options.seeds:
@@ -58,10 +55,10 @@ def main(options: DodgeBoundOptions) -> None:
                         progress.advance(task)
                 write_json(options.out, vars(bounds))
         except KeyboardInterrupt:
-            console.print(f"stopped; run again to go on from seed {len(bounds.verdicts)}")
+            note(f"stopped; run again to go on from seed {len(bounds.verdicts)}")
         finally:
             write_json(options.out, vars(bounds))
-    console.print(summary(bounds))
+    note(summary(bounds))
 
 
 def summary(bounds: Bounds) -> str:

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import tyro
 from numba import njit
-from rich.console import Console
-from rich.table import Table
 from scipy.integrate import solve_ivp
 
 from agents.files import write_text
+from agents.tables import Table
 from envs.physics.world import World, advance, arm_fields, body_fields, place_arm
 from planners import PLANAR_3R, SCARA_1M, Arm
 from planners.typing import Array
@@ -165,17 +164,17 @@ class FidelityOptions:
 def main(options: FidelityOptions) -> None:
     """Print the table, and write it if asked for."""
     rows = table()
-    printed = Table(title="Pymunk arms against independent references")
-    for heading in ("physics step", "joints and reading", "two-link arm, 3 s: angle", "triple pendulum, 10 s: energy"):
-        printed.add_column(heading, justify="right")
-    for row in rows:
-        printed.add_row(
+    headers = ("physics step", "joints and reading", "two-link arm, 3 s: angle", "triple pendulum, 10 s: energy")
+    cells = [
+        (
             f"{1e3 * row.physics_step:g} ms",
             "Pymunk's defaults" if row.pymunk_defaults else "planarm",
             f"{row.two_link_error:.1e} rad",
             f"{100.0 * row.energy_error:.2g} %",
         )
-    Console().print(printed)
+        for row in rows
+    ]
+    Table("Pymunk arms against independent references", headers, cells, text_columns=2).show()
     if options.json is not None:
         write_text(options.json, json.dumps([asdict(row) for row in rows], indent=2) + "\n")
 

@@ -20,9 +20,9 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.console import Console
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
+from agents.console import note
 from agents.evaluation.evaluate import Evaluation, evaluate
 from agents.files import write_json
 from agents.provenance import versions
@@ -93,20 +93,19 @@ class Search:
 
 def main(options: TuneOptions) -> None:
     """Search, and store what other seeds confirm."""
-    console = Console(stderr=True)
     drawn = np.arange(FIRST_SEED, FIRST_SEED + options.seeds)
     search = Search(tuned_gains(), drawn[~evaluate("follower", ENV_ID, drawn).success])
     before = score(run_field(search.start, search.seeds))
-    console.print(f"{len(search.seeds)} of {options.seeds} seeds are not trivial; the stored gains score {before}")
+    note(f"{len(search.seeds)} of {options.seeds} seeds are not trivial; the stored gains score {before}")
     try:
-        _evolve(search, options, console)
+        _evolve(search, options)
     except KeyboardInterrupt:
-        console.print("stopped; the best so far is kept")
+        note("stopped; the best so far is kept")
     others = np.arange(FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm)
     confirmed, confirmed_before = (score(run_field(gains, others)) for gains in (search.gains, search.start))
-    console.print(f"score {confirmed} on other seeds, {confirmed_before} with the stored gains")
+    note(f"score {confirmed} on other seeds, {confirmed_before} with the stored gains")
     if confirmed >= confirmed_before:
-        console.print("not better: nothing is stored")
+        note("not better: nothing is stored")
         return
     recipe = {
         "command": " ".join(["python -m tools.tune_apf", *sys.argv[1:]]),
@@ -120,17 +119,17 @@ def main(options: TuneOptions) -> None:
         "versions": versions(),
     }
     write_json(options.out, {"recipe": recipe, "gains": asdict(search.gains)})
-    console.print(f"stored in {options.out}")
+    note(f"stored in {options.out}")
 
 
-def _evolve(search: Search, options: TuneOptions, console: Console) -> None:
+def _evolve(search: Search, options: TuneOptions) -> None:
     """Differential evolution over exponents in [-1, 1], from a population around 0."""
     generator, dimensions = np.random.default_rng(options.seed), len(search.names)
     first = np.clip(0.4 * generator.standard_normal((options.population, dimensions)), -1.0, 1.0)
     first[0] = 0.0
 
     def report(intermediate_result: OptimizeResult) -> None:
-        console.print(f"{search.tried} candidates, best score {search.score:g}")
+        note(f"{search.tried} candidates, best score {search.score:g}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it has not converged
