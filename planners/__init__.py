@@ -1,6 +1,7 @@
 """Robots and mathematics: arms, kinematics, dynamics, control and the classical motion planners.
 
-Nothing here knows of Gymnasium. SI units and radians throughout; joint angles are relative and counter-clockwise.
+Independent of Gymnasium. SI units and radians; joint angles are relative and counter-clockwise. ``hand`` is the end
+effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerations and torques.
 """
 
 from pathlib import Path

@@ -161,6 +161,7 @@ def _hand_line(lengths: Array, wrist: Array, direction: Array, elbow: int, n: in
         c1, s1 = np.cos(q1), np.sin(q1)
         c2, s2 = c1 * cosine - s1 * sine, s1 * cosine + c1 * sine  # the second link's absolute direction
         out[m, 0, 0], out[m, 0, 1] = q1, elbow * np.arccos(cosine)
+        # derivatives: w of order k from those below, then phi^(k) by projection
         wx, wy = direction[0], direction[1]
         p1 = p2 = 0.0  # first derivatives of phi
         a1 = a2 = 0.0  # second derivatives of phi
@@ -228,6 +229,7 @@ def _tabulate(coupling: Array, weight: Array, derivatives: Array, step: float) -
     count, _, n = derivatives.shape
     nodes = np.empty((count, 2, 6, n))
     still, weightless = np.zeros(n), np.zeros(n)
+    # values; A, B and G (eq 12) by inverse dynamics of partial motions
     for m in range(count):
         q, f1, f2, f3 = derivatives[m, 0], derivatives[m, 1], derivatives[m, 2], derivatives[m, 3]
         nodes[m, 0, 0], nodes[m, 0, 1], nodes[m, 0, 2] = f1, f2, f3
@@ -235,6 +237,7 @@ def _tabulate(coupling: Array, weight: Array, derivatives: Array, step: float) -
         dynamics.inverse_dynamics_single(coupling, weightless, q, still, f1, nodes[m, 0, 3])
         dynamics.inverse_dynamics_single(coupling, weightless, q, f1, f2, nodes[m, 0, 4])
         dynamics.inverse_dynamics_single(coupling, weight, q, still, still, nodes[m, 0, 5])
+    # slopes: central differences, one-sided at the ends
     scale = 1.0 / (12.0 * step)
     for m in range(count):
         for kind in range(2, 6):
@@ -267,6 +270,7 @@ def look_up(start: float, step: float, nodes: Array, r: float, value: Array, slo
     inside = 0.0 <= position <= count - 1
     position = min(max(position, 0.0), count - 1.0)
     cell = min(int(position), count - 2)
+    # Hermite basis of values and slopes in the cell
     s = position - cell
     rest = 1.0 - s
     h00, h01 = (1.0 + 2.0 * s) * rest * rest, s * s * (3.0 - 2.0 * s)

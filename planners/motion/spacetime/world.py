@@ -199,6 +199,7 @@ def entry_sample(
         posture_at(world, q0, qd0, profiles, (best - 1 - first) * world.step, q)
         if distance_to(goal, world, q) > goal.tolerance:
             return -1
+    # walk along the samples until the hold is over, skipping those that cannot matter
     i = entry = 0
     while i <= entry + goal.hold:
         if first + entry >= best or first + entry + goal.hold > last:
