@@ -59,49 +59,32 @@ CASES = {
 
 @dataclass(frozen=True)
 class PlanRow:
-    """One plan. Times in s, torques in N m (signed, the largest of each joint); None where there is no value.
-
-    Attributes:
-        case, planner, grid: what was planned and how.
-        published_rendezvous_time, published_peak_torque: what the paper prints.
-        rendezvous_time, peak_torque, cost: t_a, torques and J (s) by the planner's clock.
-        real_peak_torque, real_cost: of the motion in real time.
-        cost_ratio: real J over the least J of any motion within the case's limits.
-        limit_ratios: of the motion in real time, worst |value| / limit.
-        lag: delay of the hand at the end of the line, in real time, s.
-    """
+    """One plan. Times in s, torques in N m (signed, the largest of each joint); None where there is no value."""
 
     case: int
     planner: str
     grid: tuple[int, int] | None
     published_rendezvous_time: float | None
     published_peak_torque: tuple[float, float] | None
-    rendezvous_time: float
+    rendezvous_time: float  # t_a, peak torque and J (s) by the planner's clock
     peak_torque: tuple[float, ...]
     cost: float
-    real_peak_torque: tuple[float, ...]
+    real_peak_torque: tuple[float, ...]  # of the motion in real time, as all that follows
     real_cost: float
-    cost_ratio: float
-    limit_ratios: dict[str, float]
-    lag: float
+    cost_ratio: float  # real J over the least J of any motion within the case's limits
+    limit_ratios: dict[str, float]  # worst |value| / limit
+    lag: float  # delay of the hand at the end of the line
 
 
 @dataclass(frozen=True)
 class ClockRow:
-    """When the hand must start in a literal plan, by the planner's clock and in real time, s.
+    """When the hand must start in a literal plan, by the planner's clock and in real time, s; below 0: before t_0."""
 
-    Attributes:
-        headway: D, m.
-        case: 1 to 3.
-        own_start, real_start: below 0, the hand would have to start before t_0.
-        belt_travel: how far the part moves in the time missing by the planner's own clock, m.
-    """
-
-    headway: float
+    headway: float  # D, m
     case: int
     own_start: float
     real_start: float
-    belt_travel: float
+    belt_travel: float  # of the part in the time missing by the planner's own clock, m
 
 
 def run(options: ReportOptions) -> None:

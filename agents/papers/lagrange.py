@@ -41,45 +41,29 @@ ALGORITHMS: dict[Method, str] = {"lagrange": "1, Lagrange", "polynomial": "2, po
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """A motion the paper prints, in a stated model.
-
-    Attributes:
-        model, algorithm: the model of the arm, and the paper's algorithm.
-        published_pi: what the paper prints; its unit is not stated.
-        pi1, pi2: integrals of the sum of abs(tau), N m s, and of tau^2, N^2 m^2 s.
-        peak_torque: of each joint, N m.
-        start_velocity, end_velocity: of each joint at 0 and 1 s, rad/s.
-        end_angle: of each joint at 1 s, rad.
-    """
+    """A motion the paper prints, in a stated model; arrays have an entry for each joint."""
 
     model: str
     algorithm: str
-    published_pi: float
-    pi1: float
-    pi2: float
-    peak_torque: Array
-    start_velocity: Array
+    published_pi: float  # what the paper prints; its unit is not stated
+    pi1: float  # integral of the sum of abs(tau), N m s
+    pi2: float  # integral of the sum of tau^2, N^2 m^2 s
+    peak_torque: Array  # N m
+    start_velocity: Array  # rad/s
     end_velocity: Array
-    end_angle: Array
+    end_angle: Array  # rad
 
 
 @dataclass(frozen=True)
 class PlanRow:
-    """The result of a search or a planner.
-
-    Attributes:
-        model, plan: what was planned and how.
-        pi1, pi2: as in :class:`PublishedRow`.
-        start_speed: the fastest joint's at time 0, rad/s.
-        torque_ratio, angle_ratio: worst value over the limit of :data:`planners.PLANAR_3R`.
-    """
+    """The result of a search or a planner."""
 
     model: str
     plan: str
     pi1: float
     pi2: float
-    start_speed: float
-    torque_ratio: float
+    start_speed: float  # of the fastest joint, rad/s
+    torque_ratio: float  # worst value over the limit of planners.PLANAR_3R
     angle_ratio: float
 
 

@@ -40,28 +40,21 @@ SCENES = {
 
 @dataclass(frozen=True)
 class SceneRow:
-    """One motion. Lengths in m, times in s.
-
-    Attributes:
-        scene, distance, wall: what was planned and how.
-        outcome: of :class:`planners.apf.paper.FieldMotion`.
-        time, goal_distance: at the end of the motion, and the hand's distance from the goal then.
-        hand_clearance, arm_clearance: least of the motion, of the hand alone and of the whole arm.
-    """
+    """The motion that one field makes in one scene. Lengths in m, times in s."""
 
     scene: str
     distance: str
     wall: str
     outcome: Outcome
-    time: float
+    time: float  # of the end, and the hand's distance from the goal then
     goal_distance: float
-    hand_clearance: float
+    hand_clearance: float  # least of the motion, of the hand alone and of the whole arm
     arm_clearance: float
 
 
 @dataclass(frozen=True)
 class Clearances:
-    """Clearance over time in one motion, m: ``t`` in s, of the ``hand`` alone and of the whole ``arm``."""
+    """Clearance over time (s) in one motion, of the hand alone and of the whole arm, m."""
 
     scene: str
     distance: str
@@ -73,25 +66,16 @@ class Clearances:
 
 @dataclass(frozen=True)
 class RandomRow:
-    """Outcomes of moves past a disc from a random direction, as shares of the problems.
-
-    Attributes:
-        distance, wall: of the field.
-        reached, local_minimum, late: see :class:`planners.apf.paper.FieldMotion`.
-        in_range: reached, with every joint angle within its limits all the way.
-        gained, lost: reached here but not with the plain distance and the same wall, and the other way round.
-        hand_hit: a disc touched the hand.
-        link_hit: a disc touched a link and not the hand.
-    """
+    """Outcomes of moves past a disc from a random direction, as shares of the problems; see `FieldMotion`."""
 
     distance: str
     wall: str
     reached: float
-    in_range: float
-    gained: float
-    lost: float
-    hand_hit: float
-    link_hit: float
+    in_range: float  # reached, with every joint angle within its limits all the way
+    gained: float  # reached here but not with the plain distance and the same wall
+    lost: float  # the other way round
+    hand_hit: float  # a disc touched the hand
+    link_hit: float  # a disc touched a link and not the hand
     local_minimum: float
     late: float
 

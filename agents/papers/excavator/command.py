@@ -17,8 +17,8 @@ import numpy as np
 from agents.console import progress_bar
 from agents.papers.excavator.facts import facts
 from agents.papers.excavator.figures import figure
-from agents.papers.excavator.runs import CONTROLLERS, ROUGH_PAYLOADS, PayloadRow, Trial, payload_rows, rough_rows
-from agents.papers.report import Report, ReportOptions, publish
+from agents.papers.excavator.runs import CONTROLLERS, NOMINAL, ROUGH_CONDITIONS, ROUGH_PAYLOADS, PayloadRow, Trial
+from agents.papers.report import Report, ReportOptions, joined, publish
 from agents.tables import Table
 from planners.excavator import EXCAVATOR
 from planners.excavator.controllers import ADAPTIVE
@@ -63,8 +63,8 @@ def run(options: PaperExcavatorOptions) -> None:
     trial = options.trial()
     with progress_bar("cycles") as bar:
         progress = partial(bar.advance, bar.add_task("simulating", total=2 * trial.cycles * len(CONTROLLERS)))
-        payloads = list(payload_rows(trial, options.payloads, progress))
-        rough = list(rough_rows(trial, progress))
+        payloads = list(trial.rows([(percent, NOMINAL) for percent in options.payloads], progress))
+        rough = list(trial.rows(ROUGH_CONDITIONS, progress))
     tables = [*_payload_tables(payloads, trial.cycles), *_rough_tables(rough)]
     records = {"payloads": payloads, "rough": rough}
     draw = partial(figure, trial, options.payloads)
@@ -73,24 +73,47 @@ def run(options: PaperExcavatorOptions) -> None:
 
 def _payload_tables(rows: Sequence[PayloadRow], cycles: int) -> Iterator[Table]:
     """Controllers by payloads."""
+
+    def header(row: PayloadRow) -> str:
+        return f"{row.percent:g} %, {row.mass:g} kg"
+
+    yield _pivot(
+        f"RMS error of the five joints, deg: cycle 1 / cycle {cycles}",
+        rows,
+        header,
+        lambda row: f"{np.degrees(row.first.joints):.3f} / {np.degrees(row.last.joints):.4f}",
+    )
+    yield _pivot(
+        f"Tip, mm: RMS and peak in cycle 1 / RMS and peak in cycle {cycles}",
+        rows,
+        header,
+        lambda row: " / ".join(joined((1e3 * cycle.tip, 1e3 * cycle.tip_peak), 1) for cycle in (row.first, row.last)),
+    )
+    yield _pivot(
+        f"Joints 1 and 2, RMS error in cycle {cycles}: angles, deg / velocities, deg/s",
+        rows,
+        header,
+        lambda row: f"{joined(np.degrees(row.last.position[:2]), 4)} / {joined(np.degrees(row.last.velocity[:2]), 3)}",
+    )
     adaptive = {entry.title for entry in CONTROLLERS if entry.controller in ADAPTIVE}
-    cells: dict[str, Cell] = {
-        f"RMS error of the five joints, deg: cycle 1 / cycle {cycles}": _joints,
-        f"Tip, mm: RMS and peak in cycle 1 / RMS and peak in cycle {cycles}": _tip,
-        f"Joints 1 and 2, RMS error in cycle {cycles}: angles, deg / velocities, deg/s": _first_two,
-        f"Estimated mass after cycle 1 / largest error in cycle {cycles}, kg": _mass,
-    }
-    for title, cell in cells.items():
-        shown = rows if cell is not _mass else [row for row in rows if row.controller in adaptive]
-        yield _pivot(title, shown, lambda row: f"{row.percent:g} %, {row.mass:g} kg", cell)
+    yield _pivot(
+        f"Estimated mass after cycle 1 / largest error in cycle {cycles}, kg",
+        [row for row in rows if row.controller in adaptive],
+        header,
+        lambda row: f"{row.first.mass_estimate:.1f} / {row.last.mass_error:.1f}",
+    )
 
 
 def _rough_tables(rows: Sequence[PayloadRow]) -> Iterator[Table]:
     """Controllers by the arm's differences from their model, for each payload."""
     for percent in ROUGH_PAYLOADS:
         shown = [row for row in rows if row.percent == percent]
-        title = f"What the controller does not know, {shown[0].mass:g} kg: joints, deg / tip, mm, RMS, last cycle"
-        yield _pivot(title, shown, lambda row: row.case, _last_errors)
+        yield _pivot(
+            f"What the controller does not know, {shown[0].mass:g} kg: joints, deg / tip, mm, RMS, last cycle",
+            shown,
+            lambda row: row.case,
+            lambda row: f"{np.degrees(row.last.joints):.4f} / {1e3 * row.last.tip:.1f}",
+        )
 
 
 def _pivot(title: str, rows: Sequence[PayloadRow], header: Cell, cell: Cell) -> Table:
@@ -98,28 +121,3 @@ def _pivot(title: str, rows: Sequence[PayloadRow], header: Cell, cell: Cell) -> 
     headers = ["controller", *dict.fromkeys(header(row) for row in rows)]
     names = dict.fromkeys(row.controller for row in rows)
     return Table(title, headers, [[name, *(cell(row) for row in rows if row.controller == name)] for name in names])
-
-
-def _joints(row: PayloadRow) -> str:
-    return f"{np.degrees(row.first.joints):.3f} / {np.degrees(row.last.joints):.4f}"
-
-
-def _tip(row: PayloadRow) -> str:
-    return " / ".join(f"{_mm(cycle.tip)} {_mm(cycle.tip_peak)}" for cycle in (row.first, row.last))
-
-
-def _first_two(row: PayloadRow) -> str:
-    position, velocity = np.degrees(row.last.position[:2]), np.degrees(row.last.velocity[:2])
-    return f"{position[0]:.4f} {position[1]:.4f} / {velocity[0]:.3f} {velocity[1]:.3f}"
-
-
-def _mass(row: PayloadRow) -> str:
-    return f"{row.first.mass_estimate:.1f} / {row.last.mass_error:.1f}"
-
-
-def _last_errors(row: PayloadRow) -> str:
-    return f"{np.degrees(row.last.joints):.4f} / {_mm(row.last.tip)}"
-
-
-def _mm(length: float) -> str:
-    return f"{1e3 * length:.1f}"

@@ -33,7 +33,7 @@ def figure(trial: Trial, percents: Sequence[float]) -> Figure:
     sheet = new_sheet(24.0, 3.0 * len(percents))
     panels = sheet.subplots(len(percents), 6, squeeze=False)
     for entry, color in _SHOWN:
-        run = trial.follow(entry, percents, [NOMINAL] * len(percents))
+        run = trial.follow(entry, [(percent, NOMINAL) for percent in percents])
         first = slice(0, len(run.t) // trial.cycles)
         look: dict[str, Any] = {"color": color, "label": entry.title, "linewidth": 1.2}
         for env_index, row in enumerate(panels):

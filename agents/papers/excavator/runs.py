@@ -45,23 +45,14 @@ FIXED, INTEGRAL, PAPER, DEFAULT = CONTROLLERS[1], CONTROLLERS[2], CONTROLLERS[3]
 
 @dataclass(frozen=True)
 class Case:
-    """How the simulated arm differs from the controller's model.
-
-    Attributes:
-        title: its name in tables.
-        lag: of the actuators, s.
-        noise: standard deviations of measured angle and velocity, rad and rad/s.
-        friction: factor on the friction.
-        offset: of the payload's centre, in the frame of link 5, m.
-        links: factors on masses and inertias of the links.
-    """
+    """How the simulated arm differs from the controller's model."""
 
     title: str
-    lag: float = 0.0
-    noise: tuple[float, float] = (0.0, 0.0)
-    friction: float = 1.0
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    links: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)
+    lag: float = 0.0  # of the actuators, s
+    noise: tuple[float, float] = (0.0, 0.0)  # standard deviations of measured angle and velocity, rad and rad/s
+    friction: float = 1.0  # factor
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the payload's centre, in the frame of link 5, m
+    links: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)  # factors on masses and inertias
 
 
 NOISE, LINKS = (1e-4, 5e-3), (1.05, 0.95, 1.05, 0.95, 1.05)
@@ -80,45 +71,35 @@ CASES = (
 )
 
 
+Conditions = Sequence[tuple[float, Case]]
+"""Payload, % of the rated load, and case of each environment."""
+ROUGH_CONDITIONS = [(percent, case) for percent in ROUGH_PAYLOADS for case in CASES]
+
+
 @dataclass(frozen=True)
 class CycleErrors:
-    """Errors over one cycle, root mean square of its samples.
+    """Errors over one cycle, root mean square of its samples."""
 
-    Attributes:
-        position, velocity: of each joint, ``(5,)``, rad and rad/s.
-        joints: of all five angles together, rad.
-        tip, tip_peak: distance of the tip from the reference, and the largest, m.
-        mass_error: largest absolute error of the estimated mass, kg.
-        mass_estimate: at the end of the cycle, kg.
-    """
-
-    position: Array
-    velocity: Array
-    joints: float
-    tip: float
-    tip_peak: float
-    mass_error: float
-    mass_estimate: float
+    position: Array  # of each joint, rad
+    velocity: Array  # of each joint, rad/s
+    joints: float  # of all five angles together, rad
+    tip: float  # distance of the tip from the reference, m
+    tip_peak: float  # the largest, m
+    mass_error: float  # largest absolute error of the estimated mass, kg
+    mass_estimate: float  # at the end of the cycle, kg
 
 
 @dataclass(frozen=True)
 class PayloadRow:
-    """One controller with one payload.
-
-    Attributes:
-        controller, case: titles of the controller and of the arm's case.
-        percent, mass: the payload, % of the rated load and kg.
-        first, last: errors of the first and of the last cycle.
-        torque_ratio: largest torque over its limit.
-    """
+    """One controller with one payload, on the arm of one case."""
 
     controller: str
     case: str
-    percent: float
-    mass: float
-    first: CycleErrors
+    percent: float  # the payload, % of the rated load
+    mass: float  # the payload, kg
+    first: CycleErrors  # of the first cycle
     last: CycleErrors
-    torque_ratio: float
+    torque_ratio: float  # largest torque over its limit
 
 
 @dataclass(frozen=True)
@@ -129,19 +110,12 @@ class Trial:
     cycles: int = 3
     period: float = 0.005
 
-    def follow(
-        self,
-        entry: NamedController,
-        percents: Sequence[float],
-        cases: Sequence[Case],
-        progress: Progress = lambda: None,
-    ) -> Run:
-        """Simulate one controller with a payload (%) and a case for each environment."""
-        shape = self.machine.payload
-        pairs = list(zip(percents, cases, strict=True))
+    def follow(self, entry: NamedController, conditions: Conditions, progress: Progress = lambda: None) -> Run:
+        """Simulate one controller, in an environment for each payload (%) and case."""
+        shape, cases = self.machine.payload, [case for _, case in conditions]
         plant = Plant.loaded(
             ChainDynamics.of_excavator(self.machine),
-            np.array([payload(shape.mass(percent), self.machine, case.offset) for percent, case in pairs]),
+            np.array([payload(shape.mass(percent), self.machine, case.offset) for percent, case in conditions]),
             link_scale=np.array([case.links for case in cases]),
             friction_scale=np.array([case.friction for case in cases]),
             lag=np.array([case.lag for case in cases]),
@@ -152,29 +126,17 @@ class Trial:
         )
         return simulate(controller, plant, WORK_CYCLE, self.cycles, progress=progress)
 
-    def rows(
-        self,
-        entry: NamedController,
-        percents: Sequence[float],
-        cases: Sequence[Case],
-        progress: Progress = lambda: None,
-    ) -> Iterator[PayloadRow]:
-        """Errors of the same runs, a row for each environment."""
-        run = self.follow(entry, percents, cases, progress)
-        tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
-        distance = np.linalg.norm(tip, axis=-1)
-        for env_index, (percent, case) in enumerate(zip(percents, cases, strict=True)):
-            mass = self.machine.payload.mass(percent)
-            first, last = (self._errors(run, distance, env_index, mass, cycle) for cycle in (0, self.cycles - 1))
-            yield PayloadRow(
-                controller=entry.title,
-                case=case.title,
-                percent=percent,
-                mass=mass,
-                first=first,
-                last=last,
-                torque_ratio=float((np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max()),
-            )
+    def rows(self, conditions: Conditions, progress: Progress = lambda: None) -> Iterator[PayloadRow]:
+        """Errors of every controller under every condition."""
+        for entry in CONTROLLERS:
+            run = self.follow(entry, conditions, progress)
+            tip = forward_kinematics(run.q, self.machine)[0] - forward_kinematics(run.q_d, self.machine)[0][:, None]
+            distance = np.linalg.norm(tip, axis=-1)
+            for env_index, (percent, case) in enumerate(conditions):
+                mass = self.machine.payload.mass(percent)
+                first, last = (self._errors(run, distance, env_index, mass, cycle) for cycle in (0, self.cycles - 1))
+                ratio = float((np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max())
+                yield PayloadRow(entry.title, case.title, percent, mass, first, last, ratio)
 
     def _errors(self, run: Run, distance: Array, env_index: int, mass: float, cycle: int) -> CycleErrors:
         length = len(run.t) // self.cycles
@@ -189,19 +151,6 @@ class Trial:
             mass_error=float(np.abs(run.mass[span, env_index] - mass).max()),
             mass_estimate=float(run.mass[span, env_index][-1]),
         )
-
-
-def payload_rows(trial: Trial, percents: Sequence[float], progress: Progress = lambda: None) -> Iterator[PayloadRow]:
-    """Every controller with every payload (%), on the arm of its model."""
-    for entry in CONTROLLERS:
-        yield from trial.rows(entry, percents, [NOMINAL] * len(percents), progress)
-
-
-def rough_rows(trial: Trial, progress: Progress = lambda: None) -> Iterator[PayloadRow]:
-    """Every controller with `ROUGH_PAYLOADS` in every case."""
-    for entry in CONTROLLERS:
-        percents = [percent for percent in ROUGH_PAYLOADS for _ in CASES]
-        yield from trial.rows(entry, percents, CASES * len(ROUGH_PAYLOADS), progress)
 
 
 def _rms(errors: Array) -> Array:
