@@ -1,41 +1,31 @@
-"""The `planarm` command. A subcommand's module is imported only when it is called for, so that help is quick."""
+"""The `planarm` command. The module of a subcommand is imported only when that is run, so that help is quick."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, make_dataclass
+from dataclasses import make_dataclass
 from importlib import import_module, metadata
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, NamedTuple, Union
 
 import tyro
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """A subcommand: the module that runs it, the class of its options there, and a line of help."""
 
     module: str
     options: str
     summary: str
 
-    def options_type(self) -> type[Any]:
-        """The class of its options."""
-        kind: type[Any] = getattr(import_module(self.module), self.options)
-        return kind
-
 
 COMMANDS = {
-    "benchmark": Command(
-        "agents.commands.benchmark", "BenchmarkOptions", "score policies on tasks, beside the known optimum"
-    ),
-    "evaluate": Command(
-        "agents.commands.evaluate", "EvaluateOptions", "score one policy on one task, others beside it"
-    ),
+    "benchmark": Command("agents.commands.benchmark", "BenchmarkOptions", "score policies on tasks, beside the bound"),
+    "evaluate": Command("agents.commands.evaluate", "EvaluateOptions", "score a policy on a task, beside others"),
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
-    "paths": Command("agents.commands.paths", "PathsOptions", "the ways of several policies from one start, drawn"),
-    "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or go on with a run"),
-    "curves": Command("agents.commands.curves", "CurvesOptions", "how training runs came along, a table and a picture"),
+    "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
+    "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or continue a run"),
+    "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),
     "paper-lagrange": Command("agents.papers.lagrange", "ReportOptions", "the minimal-torque paper's results"),
     "paper-apf": Command("agents.papers.apf.command", "ReportOptions", "the potential-field paper's results"),
@@ -49,19 +39,19 @@ Planar robot arms with real physics, beside the planners that solve them.
 
   planarm benchmark                                         the leaderboard, in two minutes
   planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
-  planarm paths ObstacleDodge-v0 --plot paths.png           draw the ways three experts take
-  planarm COMMAND --help                                    what a command can do
+  planarm paths ObstacleDodge-v0 --plot paths.png           draw the paths of three experts
+  planarm COMMAND --help                                    the options of a command
   planarm --version                                         the version"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code: 0, 2 for what the user must put right, 130 after Ctrl-C."""
+    """Run the command line; the exit code: 0, 2 for an error of the user, 130 after Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given == ["--version"]:
         print(f"planarm {metadata.version('planarm')}")
         return 0
     named = next((name for name in given[:1] if name in COMMANDS), None)
-    options = _parse(given, named)  # ends the program, after help or a complaint, unless a command was named
+    options = _parse(given, named)  # exits after help or an error
     from gymnasium.error import DependencyNotInstalled
 
     try:
@@ -75,11 +65,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parse(arguments: list[str], named: str | None) -> Any:
-    """The options of the named command. The other commands are there for the help only, and import nothing."""
+    """The options of the named command; the other commands appear in the help, without being imported."""
     kinds: list[Any] = []
     for name, command in COMMANDS.items():
         if name == named:
-            kinds.append(Annotated[command.options_type(), tyro.conf.subcommand(name)])
+            options = getattr(import_module(command.module), command.options)
+            kinds.append(Annotated[options, tyro.conf.subcommand(name)])
         else:
             empty = make_dataclass(name.title(), [])
             kinds.append(Annotated[empty, tyro.conf.subcommand(name, description=command.summary)])

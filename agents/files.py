@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and strict JSON."""
+"""Atomic writes of files, and strict JSON."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import numpy as np
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A draft beside ``path``, with its suffix, that takes its place when the block ends well and is gone otherwise.
+    """Write a file atomically: a draft beside ``path``, with its suffix, replaces it if the block raises no error.
 
-    Makes the folder if need be. Readers see the old file or the new one.
+    Makes the folder if it is missing. Readers see the old file or the new one.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
@@ -29,23 +29,23 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file, whole or not at all."""
+    """Write a file atomically."""
     with whole_file(path) as draft:
         draft.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a text file atomically."""
     write_bytes(path, text.encode())
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write strict JSON, whole or not at all; numpy's arrays become lists, inf and NaN null."""
+    """Write strict JSON atomically; NumPy arrays become lists, inf and NaN null."""
     write_text(path, json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
 
 
 def _plain(value: Any) -> Any:
-    """The value in what strict JSON knows."""
+    """The value in types of strict JSON."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

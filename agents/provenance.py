@@ -1,4 +1,4 @@
-"""What a result must say of where it was made."""
+"""Versions and machine that a result was made with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DISTRIBUTIONS = ("planarm", "numpy", "numba", "scipy", "pymunk", "gymnasium")
 
 
 def versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Versions of Python, of the libraries that results depend on, and of more that are named."""
+    """Versions of Python, of the libraries that results depend on, and of the named others."""
     return {"python": platform.python_version(), **{name: metadata.version(name) for name in (*DISTRIBUTIONS, *more)}}
 
 

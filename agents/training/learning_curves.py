@@ -1,4 +1,4 @@
-"""Learning curves: what became of training runs, read from their folders, and what their settings have in common."""
+"""Learning curves of training runs, read from their folders, and grouped by their settings."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from envs.settings import refuse_unknown
 from planners.typing import Array
 
 Groups = dict[str, list["Curve"]]
-"""Curves by what they have in common."""
+"""Curves by the label of their group."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """What has become of a training run, checkpoint by checkpoint.
+    """Scores of a training run, checkpoint by checkpoint.
 
     Attributes:
         folder: of the run.
-        config: what it does.
+        config: its settings.
         expert: name of the best expert on the same episodes.
         columns: numbers of metrics.csv, ``(checkpoints,)`` each; +inf: never.
     """
@@ -43,13 +43,13 @@ class Curve:
 
     @property
     def best(self) -> int:
-        """The checkpoint whose agent is kept as the best: most success, then the highest return."""
+        """Index of the best checkpoint: most success, then the highest return."""
         success, returns = self.columns["success"], self.columns["return"]
         return max(range(len(success)), key=lambda row: (success[row], returns[row]))
 
 
 def read_curve(folder: Path) -> Curve:
-    """The curve of the run in a folder, as far as it has come.
+    """The curve of the run in a folder, up to its last checkpoint.
 
     Raises:
         ValueError: if there is no run, it has not been evaluated yet, or its files are damaged.
@@ -72,7 +72,7 @@ def read_curve(folder: Path) -> Curve:
 
 
 def check_alike(curves: Sequence[Curve]) -> None:
-    """Raise a ValueError unless the runs can stand in one picture."""
+    """Raise a ValueError unless the runs are of one environment and all different."""
     first = curves[0]
     for curve in curves:
         if curve.config.env != first.config.env:
@@ -91,7 +91,7 @@ def check_alike(curves: Sequence[Curve]) -> None:
 
 
 def grouped(curves: Sequence[Curve], key: str) -> Groups:
-    """Curves by what their configurations say for a setting.
+    """Curves by the value of a setting in their configurations.
 
     Raises:
         ValueError: if no run has such a setting.
@@ -105,9 +105,9 @@ def grouped(curves: Sequence[Curve], key: str) -> Groups:
 
 
 def differing(curves: Sequence[Curve]) -> list[str]:
-    """Names of the settings, but for the seed, that are not the same in all of these runs.
+    """Names of the settings other than the seed that differ between these runs.
 
-    Of nested settings those that differ are named, or the whole if some runs do not have it.
+    Of nested settings those that differ are named, or the whole if some runs lack it.
     """
     settings = [_settings(curve.config) for curve in curves]
     names: list[str] = []
