@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,7 @@ from agents.evaluation.compare import comparison
 from agents.evaluation.leaderboard import leaderboard
 from agents.files import write_json
 from agents.yaml_config import load_config
+from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.settings import refuse_unknown
 
 
@@ -68,8 +70,16 @@ class BenchmarkOptions:
             refuse_unknown(self.tasks, titles, "task")
             tasks = tuple(titles[name] for name in self.tasks)
         if self.policies is not None:
-            tasks = tuple(task.model_copy(update={"policies": None}) for task in tasks)
+            own = [(task, _without_other_experts(self.policies, task.env)) for task in tasks]
+            acting = [task.model_copy(update={"policies": policies}) for task, policies in own if policies]
+            tasks = tuple(acting) or tuple(task.model_copy(update={"policies": None}) for task in tasks)
         return BenchmarkConfig.parse({**dict(config), **changes, "tasks": tasks}, "benchmark setting")
+
+
+def _without_other_experts(policies: Sequence[str], env_id: str) -> tuple[str, ...]:
+    """The policies that are not experts of other tasks only."""
+    here = expert_names(env_id)
+    return tuple(name for name in policies if name.removesuffix(ADAPTIVE) in here or not is_expert(name))
 
 
 def run(options: BenchmarkOptions) -> int:

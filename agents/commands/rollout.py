@@ -18,6 +18,7 @@ from agents.figures.film import Film, require_recordable
 from agents.policies.lookup import find_policy
 from agents.tables import Table
 from agents.yaml_config import assigned
+from envs.experts import expert_names
 
 Info = dict[str, Any]
 
@@ -36,8 +37,9 @@ class RolloutOptions:
 
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ConveyorTrack-v0."""
-    policy: str = "dpct"
-    """Name of an expert; agent for the one that comes with planarm; the path of a run, an agent or a .zip."""
+    policy: str | None = None
+    """Name of an expert, by default the first on the task's card; agent for the one that comes with planarm; the path
+    of a run, an agent or a .zip."""
     seed: int = 0
     """Seed of the episode's start."""
     scenario: Literal["random", "paper"] = "random"
@@ -72,7 +74,8 @@ def run(options: RolloutOptions) -> int:
         raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
     if options.record is not None:
         require_recordable(options.record, fps=options.fps, width=options.width)
-    named = find_policy(options.policy, options.env, allow_code=options.allow_code)
+    policy = options.policy or expert_names(options.env)[0]
+    named = find_policy(policy, options.env, allow_code=options.allow_code)
     mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
     settings = named.settings({**assigned({}, options.settings), **mode})
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
@@ -86,7 +89,7 @@ def run(options: RolloutOptions) -> int:
 
         reset_options = {} if options.scenario == "random" else {"scenario": options.scenario}
         info = play(env, named.policy, options.seed, reset_options, take)
-    Table(f"{options.env}, {options.policy}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
+    Table(f"{options.env}, {policy}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
     if film is not None and options.record is not None:
         film.write(options.record)
         note(f"wrote {options.record}")

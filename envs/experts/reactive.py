@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, HandGoal
+from envs.hashing import to_unit
 from envs.observation import Observation
 from envs.task import Task
 from planners.apf.joint_field import reach
@@ -36,11 +37,7 @@ class RandomExpert(Expert):
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
         words = np.ascontiguousarray(observations, dtype=np.float32).view(np.uint32).astype(np.uint64)
         bits = (words[:, :, None] * self._multipliers).sum(axis=1, dtype=np.uint64)
-        # The finaliser of splitmix64 spreads every bit over all others.
-        for shift, multiplier in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-            bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(multiplier)
-        bits ^= bits >> np.uint64(31)
-        return 2.0 * (bits >> np.uint64(11)).astype(np.float64) / 2.0**53 - 1.0, ()
+        return 2.0 * to_unit(bits) - 1.0, ()
 
 
 class FollowerExpert(Expert):

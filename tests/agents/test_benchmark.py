@@ -62,8 +62,15 @@ def test_a_task_may_have_policies_of_its_own() -> None:
     (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",)).resolve().tasks
     assert task.policies is not None
     assert {"adaptive", "computed_torque"} <= set(task.policies)
-    (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",), policies=("follower",)).resolve().tasks
-    assert task.policies is None  # the command line has the last word
+    (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",), policies=("random",)).resolve().tasks
+    assert task.policies == ("random",)  # the command line has the last word
+    belt, load = BenchmarkOptions(
+        tasks=("ConveyorTrack-v0", "ExcavatorPayload-v0"), policies=("dpct", "random", "runs/mine")
+    ).resolve().tasks
+    assert belt.policies == ("dpct", "random", "runs/mine")
+    assert load.policies == ("random", "runs/mine")  # it has no expert of the name dpct
+    (belt,) = BenchmarkOptions(tasks=("ConveyorTrack-v0", "ExcavatorPayload-v0"), policies=("dpct",)).resolve().tasks
+    assert belt.env == "ConveyorTrack-v0"
     board = BenchmarkOptions(episodes=3, tasks=("ExcavatorPayload-v0", "ObstacleDodge-v0"), bound_episodes=0).resolve()
     expected = 3 * sum(len(each.policies or board.policies) for each in board.tasks)
     assert benchmark.Benchmark(board).total_episodes == expected
