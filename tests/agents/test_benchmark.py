@@ -64,9 +64,11 @@ def test_a_task_may_have_policies_of_its_own() -> None:
     assert {"adaptive", "computed_torque"} <= set(task.policies)
     (task,) = BenchmarkOptions(tasks=("ExcavatorPayload-v0",), policies=("random",)).resolve().tasks
     assert task.policies == ("random",)  # the command line has the last word
-    belt, load = BenchmarkOptions(
-        tasks=("ConveyorTrack-v0", "ExcavatorPayload-v0"), policies=("dpct", "random", "runs/mine")
-    ).resolve().tasks
+    belt, load = (
+        BenchmarkOptions(tasks=("ConveyorTrack-v0", "ExcavatorPayload-v0"), policies=("dpct", "random", "runs/mine"))
+        .resolve()
+        .tasks
+    )
     assert belt.policies == ("dpct", "random", "runs/mine")
     assert load.policies == ("random", "runs/mine")  # it has no expert of the name dpct
     (belt,) = BenchmarkOptions(tasks=("ConveyorTrack-v0", "ExcavatorPayload-v0"), policies=("dpct",)).resolve().tasks
