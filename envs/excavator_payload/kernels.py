@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from envs.excavator_payload.noise import add_noise
-from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, reference_at
+from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_machine, reference_at
 from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, place_links, tip_of
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import clear_episode, finish_observation, sum_reward
@@ -74,7 +74,7 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
     _hold(env, env.pick_step == 0)
     place_links(env, shared)
     still = np.zeros(N_JOINTS)
-    torque_single(_chain(shared), np.zeros(10), env.q, still, still, still, env.tau)
+    torque_single(empty_machine(shared), np.zeros(10), env.q, still, still, still, env.tau)
     env.drive_torque[:] = env.tau
     for i in range(N_JOINTS):
         env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
@@ -117,12 +117,6 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _chain(shared: Any) -> tuple[Array, Array, Array, Array]:
-    """The dynamics of the empty machine."""
-    return (shared.chain_frames, shared.chain_gravity, shared.chain_inertia, shared.chain_drives)
-
-
-@njit(cache=True, nogil=True)
 def _hold(env: Any, loaded: bool) -> None:
     """Set the current load: the payload, or nothing."""
     env.load = env.payload if loaded else 0.0
@@ -160,7 +154,7 @@ def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau:
     for i in range(N_JOINTS):
         qd_r[i] = reference[1, i] + model.bandwidth[i] * (reference[0, i] - q[i])
         qdd_r[i] = reference[2, i] + model.bandwidth[i] * (reference[1, i] - qd[i])
-    torque_single(_chain(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
+    torque_single(empty_machine(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
     for i in range(N_JOINTS):
         tau[i] += model.damping[i] * (qd_r[i] - qd[i])
 

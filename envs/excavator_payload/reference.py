@@ -186,10 +186,16 @@ def least_duration(model: Any, start: Array, end: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
+def empty_machine(model: Any) -> tuple[Array, Array, Array, Array]:
+    """The dynamics of the empty machine, for `planners.excavator.newton_euler`."""
+    return (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
+
+
+@njit(cache=True, nogil=True)
 def segment_ratios(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
     """Worst torque over limit and worst speed over limit along a segment with the heaviest payload."""
     n = start.shape[0]
-    chain = (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
+    chain = empty_machine(model)
     motion, tau = np.empty((3, n)), np.empty(n)
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):

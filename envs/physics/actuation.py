@@ -1,4 +1,4 @@
-"""From action to motion: the control modes, the actuator's torque limit, and the watch over the joint limits."""
+"""From action to motion: the control modes, the actuators' torque limits, and the measured use of the joint limits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
 
 
 def actuation_model_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of the model record: the control mode, the limits, and the dynamics the controller believes in."""
+    """Fields of the model record: the control mode, the limits, and the nominal dynamics."""
     return [
         ("control_mode", "i8"),
         ("control_period", "f8"),
@@ -71,7 +71,7 @@ def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_
 
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
-    """What an action of 1 stands for, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
+    """Physical value of an action of 1, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
     return np.array(getattr(arm.limits, control_mode))
 
 
@@ -89,7 +89,7 @@ def apply_action(env: Any, model: Any, action: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def command(env: Any, model: Any, action: Array) -> None:
-    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``environment.tau`` of the next period."""
+    """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``env.tau`` of the next period."""
     n = env.q.shape[0]
     share = np.empty(n)
     for i in range(n):
@@ -115,7 +115,7 @@ def command(env: Any, model: Any, action: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def finish_period(env: Any, model: Any) -> float:
-    """After the physics: mean accelerations, peak torque, limits; the worst |value| / limit of this period."""
+    """Update mean accelerations, peak torque and limit ratios after the physics; returns the period's worst ratio."""
     for i in range(env.q.shape[0]):
         env.qdd[i] = (env.qd[i] - env.qd_before[i]) / model.control_period
         env.peak_torque = max(env.peak_torque, abs(env.tau[i]))
@@ -126,9 +126,8 @@ def finish_period(env: Any, model: Any) -> float:
 def command_smoothly(env: Any, model: Any, share: Array) -> None:
     """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
 
-    The accelerations stay within what keeps every smoothness limit. Where that would ask more torque than there is,
-    they are moved until the torques fit, too: projections in turn onto each torque limit, linear in the accelerations,
-    and back into the bounds.
+    The accelerations stay within the bounds that keep every smoothness limit. Where they need too much torque, they are
+    projected in turn onto each torque limit, which is linear in the accelerations, and back into the bounds.
     """
     n = env.q.shape[0]
     period = model.control_period
@@ -153,8 +152,8 @@ def command_smoothly(env: Any, model: Any, share: Array) -> None:
 def command_velocity(env: Any, model: Any, share: Array) -> None:
     """Find the torques that bring the joints to velocities (shares of the limits) by the end of the period.
 
-    As far, that is, as the limits of acceleration and torque let them; a joint is braked in time before the end of its
-    range, with half of its acceleration, which leaves torque for the others.
+    The acceleration and torque limits hold, so the velocity may not be reached. A joint brakes before the end of its
+    range with half of its acceleration limit, which leaves torque for the others.
     """
     n = env.q.shape[0]
     period = model.control_period
@@ -163,23 +162,13 @@ def command_velocity(env: Any, model: Any, share: Array) -> None:
         slowest, fastest = stoppable_velocities(env.q[i], speed, model.limits[4, i], 0.5 * hardest, period)
         wanted = min(fastest, max(slowest, share[i] * top))
         env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
-    scale_into_torque(
-        model.coupling,
-        model.weight,
-        env.q,
-        env.qd,
-        period,
-        model.limits[0],
-        TORQUE_SHARE,
-        1,
-        env.commanded_qdd,
-        env.tau,
-    )
+    state = model.coupling, model.weight, env.q, env.qd, period, model.limits[0]
+    scale_into_torque(*state, TORQUE_SHARE, 1, env.commanded_qdd, env.tau)
 
 
 @njit(cache=True, nogil=True)
 def watch_limits(env: Any, model: Any) -> float:
-    """Hold the period's values against the limits; keeps the worst of the episode and returns the worst of the period.
+    """Compare the period's values with the limits; keeps the episode's worst ratios, returns the period's worst.
 
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
     """

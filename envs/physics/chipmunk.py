@@ -1,12 +1,11 @@
 """The compiled bridge to Chipmunk, the C library inside Pymunk.
 
-Pymunk's Python calls cost more than the physics they start. The functions below are the same C functions, callable
-from numba-compiled code at no cost. Bodies, spaces and joints are made with Pymunk; `address` gives the number that
-stands for one of them here.
+Pymunk's Python calls cost more than the physics itself. The functions below are the same C functions, callable from
+numba-compiled code. Bodies, spaces and joints are made with Pymunk; `address` gives the number that stands for one.
 
 Chipmunk passes its two-component vectors by value. On every 64-bit Linux and macOS (System V and AArch64 calling
-conventions) such a struct travels in two floating-point registers, exactly as two doubles do, so a vector argument is
-declared here as two doubles. Windows passes it differently, which is why it is refused.
+conventions) such a struct is passed in two floating-point registers, exactly like two doubles, so a vector argument is
+declared here as two doubles. Windows passes it differently and is refused.
 """
 
 from __future__ import annotations
@@ -46,9 +45,9 @@ _vector = (_real, _real)
 
 
 def _register(name: str) -> str:
-    """Make the C function `name` known to the compiler, under the symbol returned.
+    """Register the C function `name` with the compiler and return its symbol.
 
-    A symbol, unlike a pointer, keeps its meaning in numba's on-disk cache.
+    A symbol, unlike a pointer, stays valid in numba's on-disk cache.
     """
     if not hasattr(lib, name):
         raise ImportError(f'this Pymunk has no {name}; install a tested one: pip install "pymunk>=7.3,<8"')

@@ -9,10 +9,10 @@ from planners.typing import Array
 
 
 class Camera:
-    """Shows a rectangle of the plane in a rectangle of the picture, undistorted and centred.
+    """Maps a rectangle of the plane to a rectangle of the picture, undistorted and centred.
 
     Args:
-        view: ``(xmin, xmax, ymin, ymax)`` that must be visible, m.
+        view: visible rectangle ``(xmin, xmax, ymin, ymax)``, m.
         size: width and height of the picture's part, from its top left corner, pixels.
     """
 
@@ -34,11 +34,11 @@ class Camera:
 
     @property
     def visible(self) -> tuple[Array, Array]:
-        """Lower left and upper right corner of what the picture's part shows, m."""
+        """Lower left and upper right corner of the visible rectangle, m."""
         half = np.array(self.size) / (2.0 * self.scale)
         return self._center - half, self._center + half
 
     def nice_step(self, pixels: float) -> float:
-        """The round length (1, 2 or 5 times a power of ten, m) whose picture is the smallest above ``pixels``."""
+        """The smallest round length (1, 2 or 5 times a power of ten, m) of at least ``pixels`` in the picture."""
         decade = 10.0 ** np.floor(np.log10(pixels / self.scale))
         return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade * self.scale >= pixels))

@@ -42,7 +42,7 @@ class Canvas:
         self._render = lru_cache(maxsize=512)(lambda text, height, color: self._font(height).render(text, True, color))
 
     def fill(self, color: Color) -> None:
-        """Cover everything."""
+        """Fill the canvas."""
         self._target.fill(color)
 
     def polygon(self, corners: ArrayLike, color: Color) -> None:
@@ -113,7 +113,7 @@ class Canvas:
         anchor: Anchor = "left",
         max_width: float = np.inf,
     ) -> float:
-        """Text with its middle line at ``position``, cut with dots beyond ``max_width``.
+        """Text with its middle line at ``position``, shortened to ``max_width``.
 
         Returns:
             Its width, pixels.
@@ -129,10 +129,10 @@ class Canvas:
 
     @contextmanager
     def layer(self, corners: ArrayLike, margin: float) -> Iterator[None]:
-        """Draw translucent colours: what is drawn inside does not darken where it overlaps.
+        """Draw translucent shapes that do not darken each other where they overlap.
 
         Args:
-            corners: points ``(k, 2)`` whose bounding box, widened by ``margin`` pixels, holds all that is drawn.
+            corners: points ``(k, 2)`` whose bounding box, widened by ``margin`` pixels, contains the shapes.
             margin: pixels.
         """
         points = self._large_pixels(corners)
@@ -152,13 +152,13 @@ class Canvas:
         return self._finished
 
     def _large_pixels(self, points: ArrayLike) -> Array:
-        """Coordinates on the large surface that is drawn on, kept where C integers hold them."""
+        """Coordinates on the large surface, clipped to the range of C integers."""
         place: Array = np.rint(np.minimum(np.maximum(np.asarray(points) * SUPERSAMPLING, -1e4), 1e4)) - self._origin
         return place
 
 
 def pixels_of(picture: pygame.Surface) -> NDArray[np.uint8]:
-    """The picture as an array of its own, ``(height, width, 3)``."""
+    """A copy of the picture as an array, ``(height, width, 3)``."""
     width, height = picture.get_size()
     flat = np.frombuffer(pygame.image.tobytes(picture, "RGB"), dtype=np.uint8)
     return flat.reshape(height, width, 3).copy()

@@ -19,13 +19,13 @@ TORQUE_ARC = np.radians(120.0)
 BUCKET = np.array([[0.0, -0.06], [-0.1, 0.12], [0.0, 0.42], [0.25, 0.6], [0.55, 0.58], [0.84, 0.36], [1.0, 0.0]])
 """Outline of a bucket, joint to tip: along the line between them and to its left, in units of its length."""
 HOLLOW = np.array([0.42, 0.16])
-"""Towards which the outline shrinks to that of the bucket's inside, in the same units."""
+"""Centre about which the outline is scaled to that of the bucket's inside, in the same units."""
 
 
 def draw_arm(
     canvas: Canvas, camera: Camera, joints: Array, torque_ratios: Array, *, closed: bool, bucket: float | None = None
 ) -> None:
-    """The whole arm; its thickness goes with its reach.
+    """The whole arm; its thickness is proportional to its reach.
 
     Args:
         canvas: where to draw.
@@ -33,7 +33,7 @@ def draw_arm(
         joints: positions of the joints and the hand, ``(n + 1, 2)``, m.
         torque_ratios: torque over limit, ``(n,)``, shown as arcs around the joints.
         closed: whether the gripper is closed.
-        bucket: how full the bucket is that takes the place of the last link and its gripper.
+        bucket: fill of the bucket that replaces the last link and its gripper.
     """
     points = camera.pixels(joints)
     reach = float(np.hypot(*np.diff(points, axis=0).T).sum())
@@ -58,7 +58,7 @@ def draw_arm(
 
 
 def _wrist(points: Array, thickness: float) -> Array:
-    """Where the last link ends and the gripper begins."""
+    """End of the last link, where the gripper begins."""
     last = points[-1] - points[-2]
     length = np.hypot(*last)
     wrist: Array = points[-1] - last * min(1.9 * thickness / length, 0.6)
@@ -107,7 +107,7 @@ def _draw_gripper(canvas: Canvas, wrist: Array, hand: Array, thickness: float, *
 
 
 def _draw_bucket(canvas: Canvas, joint: Array, tip: Array, thickness: float, full: float) -> None:
-    """A bucket from the side, with what is in it, and a dot at its tip."""
+    """A bucket from the side with its content, and a dot at its tip."""
     along = tip - joint
     axes = np.stack([along, [along[1], -along[0]]])  # pixels run down, so this is to the left
     shell = joint + BUCKET @ axes

@@ -32,5 +32,5 @@ ROLLER_SHINE = (203, 210, 220)
 
 
 def mix(first: Color, second: Color, share: float) -> Color:
-    """``first`` at share 0, ``second`` at share 1, and straight lines between."""
+    """Linear interpolation: ``first`` at share 0, ``second`` at share 1."""
     return tuple(round(a + share * (b - a)) for a, b in zip(first, second, strict=True))

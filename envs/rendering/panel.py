@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from envs.rendering.canvas import Canvas
 
 FULL_SCALE = 1.25
-"""Ratio at the end of a bar: a little past the limit, so that a violation shows."""
+"""Ratio at the end of a bar: past the limit, so that a violation is visible."""
 
 
 class Panel:
@@ -30,13 +30,13 @@ class Panel:
         self._y = 0.0
 
     def draw_backdrop(self) -> None:
-        """What every frame has in common."""
+        """The empty panel."""
         width, height = self._canvas.size
         for edge, color in ((self._edge, palette.BORDER), (self._edge + self._unit, palette.PANEL)):
             self._canvas.polygon([(edge, 0), (width, 0), (width, height), (edge, height)], color)
 
     def draw(self, scene: Scene) -> None:
-        """Everything the panel tells about a scene."""
+        """Clock, torques, limits and status of a scene."""
         self._y = 34.0 * self._unit
         self._write(scene.title, 26, palette.INK)
         self._y += 38.0 * self._unit
@@ -76,9 +76,7 @@ class Panel:
         self._y += 26.0 * self._unit
 
     def _two_sided_bar(self, label: str, ratio: float) -> None:
-        self._write(label, 18, palette.INK, tail=f"{100.0 * ratio:+.0f} %")
-        self._y += 15.0 * self._unit
-        self._track()
+        self._labelled_track(label, f"{100.0 * ratio:+.0f} %")
         middle, half = (self._left + self._right) / 2.0, (self._right - self._left) / 2.0
         length = min(abs(ratio) / FULL_SCALE, 1.0) * half
         self._bar(middle if ratio > 0.0 else middle - length, length, ratio_color(ratio))
@@ -88,9 +86,7 @@ class Panel:
         self._y += 23.0 * self._unit
 
     def _gauge(self, label: str, ratio: float) -> None:
-        self._write(label, 18, palette.INK, tail=f"{100.0 * ratio:.0f} %")
-        self._y += 15.0 * self._unit
-        self._track()
+        self._labelled_track(label, f"{100.0 * ratio:.0f} %")
         width = self._right - self._left
         self._bar(self._left, min(max(ratio, 0.0) / FULL_SCALE, 1.0) * width, ratio_color(ratio))
         self._mark(self._left + width / FULL_SCALE, palette.MUTED)
@@ -101,6 +97,11 @@ class Panel:
         self._canvas.disc((self._left + 5.0 * unit, self._y), 5.0 * unit, palette.GOOD if good else palette.WAITING)
         self._write(label, 18, palette.INK, indent=20.0, tail=value)
         self._y += 25.0 * unit
+
+    def _labelled_track(self, label: str, value: str) -> None:
+        self._write(label, 18, palette.INK, tail=value)
+        self._y += 15.0 * self._unit
+        self._track()
 
     def _track(self) -> None:
         self._bar(self._left, self._right - self._left, palette.TRACK)
@@ -115,6 +116,6 @@ class Panel:
 
 
 def ratio_color(ratio: float) -> palette.Color:
-    """Calm within the limit, alarming past it."""
-    # What reads as 100 % is not shown as broken.
+    """Colour of a bar: blue within the limit, red past it."""
+    # A ratio that is printed as 100 % does not count as past it.
     return palette.ACCENT if round(abs(ratio), 2) <= 1.0 else palette.BAD

@@ -22,12 +22,12 @@ DESIGN_HEIGHT = 640.0
 
 
 class Renderer:
-    """Draws scenes; the same scene always gives the same pixels. No display is needed unless a window is asked for.
+    """Draws scenes; the same scene always gives the same pixels. Only a window needs a display.
 
     Args:
-        view: the part of the plane that must be visible, ``(xmin, xmax, ymin, ymax)``, m.
+        view: visible part of the plane, ``(xmin, xmax, ymin, ymax)``, m.
         size: width and height of the picture, pixels.
-        window: also show every picture in a window, at the pace of ``fps``.
+        window: also show every picture in a window, at ``fps`` pictures a second.
         fps: pictures a second in the window.
 
     Raises:
@@ -58,7 +58,7 @@ class Renderer:
         self._window = self._open_window(size, fps) if window else None
 
     def draw(self, scene: Scene) -> NDArray[np.uint8]:
-        """The picture of a scene, ``(height, width, 3)``; with a window also shown there until the next is due."""
+        """The picture of a scene, ``(height, width, 3)``; also shown in the window, if there is one."""
         canvas, camera, unit = self._canvas, self._camera, self._unit
         joints = np.asarray(scene.joints, dtype=float)
         workcell.draw_floor(canvas, camera, joints, unit)
@@ -82,11 +82,11 @@ class Renderer:
         return self._pixels_of(picture)
 
     def pixels(self, points: ArrayLike) -> Array:
-        """Where points ``(..., 2)``, m, are in the picture: pixels to the right and down."""
+        """Pixel coordinates, to the right and down, of points ``(..., 2)``, m."""
         return self._camera.pixels(points)
 
     def close(self) -> None:
-        """Take the window away, if there is one; may be called again."""
+        """Close the window, if there is one; may be called again."""
         if self._window is not None:
             self._window.close()
             self._window = None

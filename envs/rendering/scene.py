@@ -1,4 +1,4 @@
-"""What a frame shows, in physical units, without a word about pixels."""
+"""The content of a frame, in physical units."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class Belt:
     """A conveyor belt.
 
     Attributes:
-        start: where its centre line begins, ``(2,)``, m.
-        end: where it ends, in the direction the belt moves, ``(2,)``, m.
-        travel: how far the belt has moved so far, m.
+        start: start of its centre line, ``(2,)``, m.
+        end: end of its centre line, in the direction of motion, ``(2,)``, m.
+        travel: distance moved so far, m.
         width: m.
     """
 
@@ -26,22 +26,22 @@ class Belt:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything one frame shows; what is left out is not drawn.
+    """Content of one frame; parts left at None are not drawn.
 
     Attributes:
         joints: positions of the joints from the base on, and of the hand, ``(n + 1, 2)``, m.
         torque_ratios: torque over limit of each joint, signed, ``(n,)``.
         time: since the start of the episode, s.
-        horizon: when the episode ends, s.
+        horizon: length of the episode, s.
         title: headline of the side panel.
         part: position of the part, ``(2,)``, m.
-        settled: whether the task is fulfilled: the part turns green and the gripper closes.
+        settled: whether the task is solved: the part turns green and the gripper closes.
         belt: the conveyor.
         trail: past hand positions, newest last, ``(k, 2)``, m.
         target: position to reach, ``(2,)``, m.
         obstacles: discs ``(x, y, radius)``, m.
         status: lines of (label, value with its unit, whether it is good).
-        bucket: how full the bucket is that the arm ends in, 0 to 1; a gripper when left out.
+        bucket: fill of the bucket at the end of the arm, 0 to 1; a gripper if None.
         ground: height of the ground, for an arm that moves in a vertical plane, m.
         limit_gauges: bars of (label, value over limit); red past 1.
     """

@@ -6,7 +6,7 @@ import pygame
 
 
 class Window:
-    """The one window pygame can have; once its user closes it, nothing more is shown.
+    """Pygame's only window; once closed by its user, it shows nothing more.
 
     Args:
         size: width and height, pixels.
@@ -20,7 +20,7 @@ class Window:
         self._fps = fps
 
     def show(self, picture: pygame.Surface, title: str) -> None:
-        """Show a picture, answer the desktop, and wait until the next one is due."""
+        """Show a picture, handle events, and wait until the next one is due."""
         if self._screen is None:
             return
         if any(event.type == pygame.QUIT for event in pygame.event.get()):
@@ -33,7 +33,7 @@ class Window:
         self._clock.tick(self._fps)
 
     def close(self) -> None:
-        """Take the window away."""
+        """Close the window."""
         if self._screen is not None:
             pygame.display.quit()
             self._screen = None

@@ -1,4 +1,4 @@
-"""What surrounds the arm: floor, belt, part, obstacles, target, and the trail of the hand."""
+"""Surroundings of the arm: floor, belt, part, obstacles, target, and the trail of the hand."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRAIL_POINTS = 120
 
 
 def draw_floor(canvas: Canvas, camera: Camera, joints: Array, unit: float) -> None:
-    """Floor, the disc that the hand can reach, grid, and how long a grid step is."""
+    """Floor, reach of the arm, grid, and the length of a grid step."""
     canvas.fill(palette.FLOOR)
     base, reach = camera.pixels(joints[0]), float(np.hypot(*np.diff(joints, axis=0).T).sum()) * camera.scale
     canvas.disc(base, reach, palette.BORDER)
@@ -38,7 +38,7 @@ def draw_floor(canvas: Canvas, camera: Camera, joints: Array, unit: float) -> No
 
 
 def draw_ground(canvas: Canvas, camera: Camera, height: float, unit: float) -> None:
-    """The surface of the ground and, translucent, what is below."""
+    """The surface of the ground and, translucent, the earth below."""
     low, high = camera.visible
     below = camera.pixels([[low[0], height], [high[0], height], [high[0], low[1]], [low[0], low[1]]])
     with canvas.layer(below, 0.0):
@@ -88,7 +88,7 @@ def draw_belt(canvas: Canvas, camera: Camera, belt: Belt) -> None:
 
 
 def draw_part(canvas: Canvas, camera: Camera, position: Array, unit: float, *, settled: bool) -> None:
-    """A box seen from above, amber on its way and green when settled."""
+    """A box seen from above, amber until it is settled, then green."""
     center = camera.pixels(position)
     half = max(PART_SIZE / 2.0 * camera.scale, 5.0 * unit)
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -112,7 +112,7 @@ def draw_target(canvas: Canvas, camera: Camera, position: Array, unit: float) ->
 def draw_obstacles(
     canvas: Canvas, camera: Camera, obstacles: Sequence[tuple[float, float, float]], unit: float
 ) -> None:
-    """Discs to keep clear of."""
+    """The obstacle discs."""
     for x, y, radius in obstacles:
         center, pixels = camera.pixels([x, y]), radius * camera.scale
         with canvas.layer([center], pixels + 6.0 * unit):
@@ -123,7 +123,7 @@ def draw_obstacles(
 
 
 def draw_trail(canvas: Canvas, camera: Camera, trail: Array, unit: float) -> None:
-    """Where the hand has been, fading with age."""
+    """Past positions of the hand, fading with age."""
     if len(trail) < 2:
         return
     shown = np.unique(np.linspace(0, len(trail) - 1, TRAIL_POINTS).astype(int))
