@@ -15,8 +15,8 @@ import yaml
 import envs
 from agents.commands.benchmark import BenchmarkOptions
 from agents.commands.train import TrainOptions
+from agents.evaluation.benchmark_config import Published
 from agents.yaml_config import shipped_configs
-from envs.settings import Settings
 from tools import config_tables as configs_page
 from tools.config_tables import PAGE, documented, updated
 
@@ -84,38 +84,8 @@ def test_the_examples_are_taken(command: list[str], tmp_path: Any, monkeypatch: 
         assert got == yaml.safe_load(value)
 
 
-class Example(Settings):
-    """Settings of a test.
-
-    Attributes:
-        speed, other_speed: of the hand, m/s; never negative.
-        length: how long it is,
-            and how far, m.
-    """
-
-    speed: float = 1.0
-    other_speed: float = 2.0
-    length: float | None = None
-
-
-def test_a_docstring_becomes_a_table() -> None:
-    assert Example.descriptions()["length"] == "how long it is, and how far, m."
-    assert Example.table().splitlines()[2:] == [
-        "| `speed` | number | `1.0` | m/s | of the hand; never negative |",
-        "| `other_speed` | number | `2.0` | m/s | of the hand; never negative |",
-        "| `length` | number or null | `null` | m | how long it is, and how far |",
-    ]
-
-
-def test_what_is_not_described_and_where_it_cannot_be_written_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Undescribed(Example):
-        """Settings without their attributes."""
-
-        weight: float = 1.0
-
-    with pytest.raises(ValueError, match="Undescribed does not describe weight"):
-        Undescribed.table()
-    monkeypatch.setattr(configs_page, "documented", lambda: {"Example": Example})
+def test_a_page_without_marks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(configs_page, "documented", lambda: {"Example": Published})
     with pytest.raises(ValueError, match=r"needs a pair each for \['Example'\]"):
         updated("no marks")
     page = updated("before\n<!-- settings of Example -->\nstale\n<!-- end of Example -->\nafter\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
+import re
 from typing import Any
 
 import gymnasium as gym
@@ -249,6 +250,16 @@ def test_an_unknown_option_is_refused_and_changes_nothing(env_id: str) -> None:
 def test_a_bad_setting_is_refused(env_id: str, setting: str, value: object, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         gym.make(env_id, **{setting: value})
+
+
+@every_env
+def test_the_kernels_and_the_docstring_have_every_setting(env_id: str) -> None:
+    env: Any = gym.make(env_id, horizon=2.5).unwrapped
+    config, model = env.task.config, env.task.model
+    for name, _ in config.record_fields():
+        assert model[name] == getattr(config, name)
+    assert type(config).table() in type(env).__doc__
+    assert set(env.task.limit_info(0)) <= set(re.findall(r"^    \| `(\w+)`", type(env).__doc__, flags=re.MULTILINE))
 
 
 @every_env

@@ -3,6 +3,7 @@ import pytest
 from scipy import stats
 
 from envs.excavator_payload.noise import add_noise, normal_pair, uniform
+from envs.hashing import GAMMA, to_unit
 
 SPLITMIX_OF_1234567 = (6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431)
 """The published first outputs for this seed."""
@@ -11,6 +12,11 @@ SPLITMIX_OF_1234567 = (6457827717110365317, 3203168211198807973, 981749193219837
 def test_known_numbers() -> None:
     for count, known in enumerate(SPLITMIX_OF_1234567):
         assert uniform(1234567, count) == (known >> 11) * 2.0**-53
+
+
+def test_arrays_hash_like_numbers() -> None:
+    words = np.arange(1, 5, dtype=np.uint64) * GAMMA + np.uint64(1234567)
+    np.testing.assert_array_equal(to_unit(words), [uniform(1234567, count) for count in range(4)])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**63 - 1])

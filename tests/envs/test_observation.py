@@ -26,3 +26,10 @@ def test_a_wrong_size_is_refused() -> None:
 def test_table_names_every_entry() -> None:
     assert "| 0-1 | `angle` | rad | 2 | ±8 | of the joints |" in LAYOUT.table()
     assert "| 2 | `time` | s | 0.5 | ±0.5 | left |" in LAYOUT.table()
+
+
+def test_the_record_holds_the_values_by_name_and_flat() -> None:
+    layout = Layout((*LAYOUT.entries, Entry("disc", (2, 2), 1.0, 1.0, "m", "centres")))
+    record = np.zeros(1, layout.record)
+    record["angle"], record["time"], record["disc"] = [1.0, 2.0], 3.0, [[4.0, 5.0], [6.0, 7.0]]
+    np.testing.assert_array_equal(record["flat"][0], np.arange(1.0, 8.0))

@@ -26,3 +26,45 @@ def test_a_bad_value_is_named(value: object) -> None:
 def test_a_name_like_no_other_gets_no_hint() -> None:
     with pytest.raises(ValueError, match=r'unknown thing "zzz" \(known: a, b\)'):
         refuse_unknown(["zzz"], ["b", "a"], "thing")
+
+
+class Described(Settings):
+    """Settings of a test.
+
+    Attributes:
+        speed, other_speed: of the hand, m/s; never negative.
+        length: how long it is,
+            and how far, m.
+    """
+
+    speed: float = 1.0
+    other_speed: float = 2.0
+    length: float | None = None
+
+
+def test_a_docstring_becomes_a_table() -> None:
+    assert Described.descriptions()["length"] == "how long it is, and how far, m."
+    assert Described.table().splitlines()[2:] == [
+        "| `speed` | number | `1.0` | m/s | of the hand; never negative |",
+        "| `other_speed` | number | `2.0` | m/s | of the hand; never negative |",
+        "| `length` | number or null | `null` | m | how long it is, and how far |",
+    ]
+
+
+def test_a_field_without_description_is_named() -> None:
+    class Undescribed(Described):
+        """Settings without their attributes."""
+
+        weight: float = 1.0
+
+    with pytest.raises(ValueError, match="Undescribed does not describe weight"):
+        Undescribed.table()
+
+
+def test_compiled_code_reads_numbers_and_bools() -> None:
+    class Mixed(Example):
+        count: int = 1
+        gravity: bool = False
+        pair: tuple[float, float] | None = None
+
+    assert Mixed.record_fields() == [("speed", "f8"), ("count", "i8"), ("gravity", "?")]
