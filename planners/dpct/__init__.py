@@ -47,12 +47,4 @@ def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -
     return plan_variant(_PLANNERS, variant, problem, options)
 
 
-__all__ = [
-    "Variant",
-    "plan",
-    "plan_optimal",
-    "plan_paper",
-    "plan_timing",
-    "plan_torque",
-    "settling_bound",
-]
+__all__ = ["Variant", "plan", "plan_optimal", "plan_paper", "plan_timing", "plan_torque", "settling_bound"]

@@ -26,18 +26,16 @@ POINT_ROWS = 4
 """Constraints at a point of a stage besides torque, velocity and acceleration: r, r', error, error rate."""
 
 
-class Course(NamedTuple):
-    """What is followed, from where, and within which limits. Lengths are in the unit of the path's ``r``.
+class Tracking(NamedTuple):
+    """What is tracked, from where and within which limits. Lengths are in the unit of the path's ``r``.
 
     Attributes:
-        target: position, velocity and acceleration of the target at time 0, ``(3,)``.
-        start: position, velocity and acceleration of the hand at time 0, ``(3,)``.
+        target, start: position, velocity and acceleration of the target and the hand at time 0, ``(3,)``.
         free_acceleration: whether the planner chooses the acceleration at time 0.
         table_start, table_step, table: a :class:`planners.motion.path.PathTable`.
         inverse_limits: 1 / limit (0 for none) of torque, velocity, acceleration and jerk, ``(4, n)``.
-        low, high: bounds of r.
-        slowest: lower bound of r'; -inf for none.
-        speed: a typical speed, to scale that constraint.
+        low, high, slowest: bounds of r, and lower bound of r' (-inf for none).
+        speed: a typical speed, to scale that bound.
         durations: of the stages, as fractions of T, ``(N,)``.
         error_bounds: bounds of abs(e) and abs(e') from the start of each stage on (inf for none), ``(N, 2)``.
     """
@@ -58,15 +56,15 @@ class Course(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def roll_out(course: Course, time: float, acceleration: float, control: Array) -> Array:
+def roll_out(tracking: Tracking, time: float, acceleration: float, control: Array) -> Array:
     """Scaled error states at the nodes, ``(N + 1, 3)``."""
     stages = control.shape[0]
     z = np.empty((stages + 1, 3))
-    z[0, 0] = course.start[0] - course.target[0]
-    z[0, 1] = time * (course.start[1] - course.target[1])
-    z[0, 2] = time * time * (acceleration - course.target[2])
+    z[0, 0] = tracking.start[0] - tracking.target[0]
+    z[0, 1] = time * (tracking.start[1] - tracking.target[1])
+    z[0, 2] = time * time * (acceleration - tracking.target[2])
     for k in range(stages):
-        advance(z[k], control[k], course.durations[k], z[k + 1])
+        advance(z[k], control[k], tracking.durations[k], z[k + 1])
     return z
 
 
@@ -96,9 +94,9 @@ def cost_matrices(durations: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def tracking_index(course: Course, z: Array, control: Array, time: float) -> float:
+def tracking_index(tracking: Tracking, z: Array, control: Array, time: float) -> float:
     """The index J of eq 18, in squared units of r times s."""
-    position, velocity = cost_matrices(course.durations)
+    position, velocity = cost_matrices(tracking.durations)
     x = np.empty(4)
     total = 0.0
     for k in range(control.shape[0]):
@@ -110,9 +108,9 @@ def tracking_index(course: Course, z: Array, control: Array, time: float) -> flo
 
 
 @njit(cache=True, nogil=True)
-def bounded_rows(course: Course) -> Array:
+def bounded_rows(tracking: Tracking) -> Array:
     """Which bounds exist: ``(N, rows, 2)``, the lower and the upper one of every constraint; that of T is left out."""
-    stages, n = course.durations.shape[0], course.inverse_limits.shape[1]
+    stages, n = tracking.durations.shape[0], tracking.inverse_limits.shape[1]
     per_point = 3 * n + POINT_ROWS
     bounded = np.zeros((stages, 2 * per_point + 3 * n + 1, 2), dtype=np.bool_)
     for k in range(stages):
@@ -121,22 +119,22 @@ def bounded_rows(course: Course) -> Array:
             given = k == 0 and point == 0  # nothing to decide at the start but a free acceleration
             for i in range(n):
                 for kind in range(3):
-                    decided = not given or (course.free_acceleration and kind != 1)
-                    bounded[k, base + 3 * i + kind, :] = decided and course.inverse_limits[kind, i] > 0.0
+                    decided = not given or (tracking.free_acceleration and kind != 1)
+                    bounded[k, base + 3 * i + kind, :] = decided and tracking.inverse_limits[kind, i] > 0.0
             if not given:
                 bounded[k, base + 3 * n, :] = True
-                bounded[k, base + 3 * n + 1, 0] = course.slowest > -np.inf
-                bounded[k, base + 3 * n + 2, :] = course.error_bounds[k, 0] < np.inf
-                bounded[k, base + 3 * n + 3, :] = course.error_bounds[k, 1] < np.inf
+                bounded[k, base + 3 * n + 1, 0] = tracking.slowest > -np.inf
+                bounded[k, base + 3 * n + 2, :] = tracking.error_bounds[k, 0] < np.inf
+                bounded[k, base + 3 * n + 3, :] = tracking.error_bounds[k, 1] < np.inf
         for point in range(3):
             for i in range(n):
-                bounded[k, 2 * per_point + point * n + i, :] = course.inverse_limits[3, i] > 0.0
+                bounded[k, 2 * per_point + point * n + i, :] = tracking.inverse_limits[3, i] > 0.0
     return bounded
 
 
 @njit(cache=True, nogil=True)
 def evaluate(
-    course: Course,
+    tracking: Tracking,
     time: float,
     time_low: float,
     time_high: float,
@@ -145,39 +143,33 @@ def evaluate(
     value: Array,
     gradient: Array,
 ) -> None:
-    """Constraints of every stage and their gradients by ``(z, T, j)`` of the stage.
+    """Constraints of every stage, to ``value`` ``(N, rows)``, and their gradients by ``(z, T, j)`` of the stage, to
+    ``gradient`` ``(N, rows, 5)``, from scaled states ``z`` ``(N + 1, 3)`` and controls ``(N,)``.
 
-    Args:
-        course: the problem.
-        time: T, s.
-        time_low, time_high: bounds of T, s: the last row of the first stage.
-        z: scaled states, ``(N + 1, 3)``.
-        control: scaled controls, ``(N,)``.
-        value: written, ``(N, rows)``.
-        gradient: written, ``(N, rows, 5)``.
+    ``time`` is T, s; its bounds are the last row of the first stage.
     """
-    n = course.inverse_limits.shape[1]
+    n = tracking.inverse_limits.shape[1]
     per_point = 3 * n + POINT_ROWS
-    inverse = course.inverse_limits
+    inverse = tracking.inverse_limits
     table, slope, local = np.empty((6, n)), np.empty((6, n)), np.empty(3)
     by_time = np.empty(4)  # how r, r', r'' and r''' change with T where z and j stay
-    middle, half_range = 0.5 * (course.low + course.high), 0.5 * (course.high - course.low)
+    middle, half_range = 0.5 * (tracking.low + tracking.high), 0.5 * (tracking.high - tracking.low)
     elapsed = 0.0
     for k in range(control.shape[0]):
         j = control[k] / time**3
         for point in range(3):
-            s = 0.5 * point * course.durations[k]
+            s = 0.5 * point * tracking.durations[k]
             advance(z[k], control[k], s, local)
             t = (elapsed + s) * time
-            target_speed = course.target[1] + t * course.target[2]
-            r = course.target[0] + t * (course.target[1] + 0.5 * t * course.target[2]) + local[0]
+            target_speed = tracking.target[1] + t * tracking.target[2]
+            r = tracking.target[0] + t * (tracking.target[1] + 0.5 * t * tracking.target[2]) + local[0]
             v = target_speed + local[1] / time
-            a = course.target[2] + local[2] / time**2
+            a = tracking.target[2] + local[2] / time**2
             by_time[0] = (elapsed + s) * target_speed
-            by_time[1] = (elapsed + s) * course.target[2] - local[1] / time**2
+            by_time[1] = (elapsed + s) * tracking.target[2] - local[1] / time**2
             by_time[2] = -2.0 * local[2] / time**3
             by_time[3] = -3.0 * j / time
-            look_up(course.table_start, course.table_step, course.table, r, table, slope)
+            look_up(tracking.table_start, tracking.table_step, tracking.table, r, table, slope)
             for i in range(n):
                 f1, f2, f3, inertia, bias, weight = table[:, i]
                 if point < 2:
@@ -206,17 +198,17 @@ def evaluate(
                 row = point * per_point + 3 * n
                 value[k, row] = (r - middle) / half_range
                 _chain(gradient[k, row], s, time, by_time, 1.0 / half_range, 0.0, 0.0, 0.0)
-                value[k, row + 1] = (v - course.slowest) / course.speed - 1.0 if course.slowest > -np.inf else 0.0
-                _chain(gradient[k, row + 1], s, time, by_time, 0.0, 1.0 / course.speed, 0.0, 0.0)
+                value[k, row + 1] = (v - tracking.slowest) / tracking.speed - 1.0 if tracking.slowest > -np.inf else 0.0
+                _chain(gradient[k, row + 1], s, time, by_time, 0.0, 1.0 / tracking.speed, 0.0, 0.0)
                 by_time[0], by_time[1] = 0.0, -local[1] / time**2  # of the error, no longer of the hand
-                c = 1.0 / course.error_bounds[k, 0]
+                c = 1.0 / tracking.error_bounds[k, 0]
                 value[k, row + 2] = c * local[0]
                 _chain(gradient[k, row + 2], s, time, by_time, c, 0.0, 0.0, 0.0)
-                c = 1.0 / course.error_bounds[k, 1]
+                c = 1.0 / tracking.error_bounds[k, 1]
                 value[k, row + 3] = c * local[1] / time
                 _chain(gradient[k, row + 3], s, time, by_time, 0.0, c, 0.0, 0.0)
         value[k, -1], gradient[k, -1] = 0.0, 0.0
-        elapsed += course.durations[k]
+        elapsed += tracking.durations[k]
     if time_low < time_high:
         half = 0.5 * (time_high - time_low)
         value[0, -1] = (time - 0.5 * (time_low + time_high)) / half

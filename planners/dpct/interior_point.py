@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.dpct.constraints import Course, bounded_rows, cost_matrices, evaluate, roll_out, tracking_index
+from planners.dpct.constraints import Tracking, bounded_rows, cost_matrices, evaluate, roll_out, tracking_index
 from planners.dpct.riccati import solve_stages
 from planners.typing import Array
 
@@ -50,7 +50,7 @@ class Solution(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def solve(
-    course: Course,
+    tracking: Tracking,
     time: float,
     time_low: float,
     time_high: float,
@@ -63,18 +63,17 @@ def solve(
     """Best motion to the rendezvous.
 
     Args:
-        course: the problem.
+        tracking: the problem.
         time: first guess of T; T itself where ``time_low >= time_high``.
         time_low, time_high: bounds of a free T, s.
         weight_time, weight_error: of T and of J in the index.
-        max_time_change: largest change of T in one step, as a fraction of it; the constraints are far from linear in T.
-        max_iterations: steps before giving up.
-        final_gap: mean product of slack and multiplier at which the index counts as optimal.
+        max_time_change: largest change of T in a step, as a fraction: the constraints are far from linear in T.
+        max_iterations, final_gap: steps before giving up, and mean slack times multiplier that counts as optimal.
     """
     free_time = time_low < time_high
-    stages = course.durations.shape[0]
-    position_cost, velocity_cost = cost_matrices(course.durations)
-    bounded = bounded_rows(course)
+    stages = tracking.durations.shape[0]
+    position_cost, velocity_cost = cost_matrices(tracking.durations)
+    bounded = bounded_rows(tracking)
     bounded[0, -1, :] = free_time
     bounds = max(int(np.sum(bounded)), 1)
     rows = bounded.shape[1]
@@ -82,10 +81,10 @@ def solve(
     hessian, linear = np.empty((stages, 5, 5)), np.empty((stages, 5))
     slack_step, dual_step = np.empty((stages, rows, 2)), np.empty((stages, rows, 2))
 
-    acceleration = course.start[2]
-    control = _quintic_control(course, time)
-    z = roll_out(course, time, acceleration, control)
-    evaluate(course, time, time_low, time_high, z, control, value, gradient)
+    acceleration = tracking.start[2]
+    control = _quintic_control(tracking, time)
+    z = roll_out(tracking, time, acceleration, control)
+    evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
     gap = FIRST_GAP
     slack, dual = _first_slacks(bounded, value, gap)
     centring, violation, converged, iterations, stalled = 1.0, np.inf, False, 0, 0
@@ -94,19 +93,19 @@ def solve(
         barrier = centring * gap
         _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
         _barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
-        basis = _start_basis(course, time, acceleration, free_time)
-        steps, start_step = solve_stages(course.durations, hessian, linear, z[stages], basis)
+        basis = _start_basis(tracking, time, acceleration, free_time)
+        steps, start_step = solve_stages(tracking.durations, hessian, linear, z[stages], basis)
         primal, dual_length = _slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
         if free_time:
             primal = min(primal, max_time_change * time / max(abs(start_step[0]), 1e-300))
             time += primal * start_step[0]
-        if course.free_acceleration:
+        if tracking.free_acceleration:
             acceleration += primal * start_step[-1]
         control += primal * steps[:, 4]
         slack += primal * slack_step
         dual += dual_length * dual_step
-        z = roll_out(course, time, acceleration, control)
-        evaluate(course, time, time_low, time_high, z, control, value, gradient)
+        z = roll_out(tracking, time, acceleration, control)
+        evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
         violation, gap = _excess(bounded, value), np.sum(slack * dual) / bounds
         end_error = np.max(np.abs(z[stages]))
         if not np.isfinite(end_error + gap):
@@ -123,25 +122,25 @@ def solve(
     if converged:  # what is left of z_N goes by the least change of the control
         hessian[:], linear[:] = 0.0, 0.0
         hessian[:, 4, 4] = 1.0
-        steps, _ = solve_stages(course.durations, hessian, linear, z[stages], np.empty((0, 4)))
+        steps, _ = solve_stages(tracking.durations, hessian, linear, z[stages], np.empty((0, 4)))
         control += steps[:, 4]
-        z = roll_out(course, time, acceleration, control)
-    cost = tracking_index(course, z, control, time)
+        z = roll_out(tracking, time, acceleration, control)
+    cost = tracking_index(tracking, z, control, time)
     return Solution(converged, time, acceleration, control / time**3, cost, iterations, violation)
 
 
 @njit(cache=True, nogil=True)
-def guess_time(course: Course, time_low: float, time_high: float) -> float:
+def guess_time(tracking: Tracking, time_low: float, time_high: float) -> float:
     """The first of some times at which a quintic nearly keeps the limits, or the one at which it does best."""
-    bounded = bounded_rows(course)
+    bounded = bounded_rows(tracking)
     stages, rows = bounded.shape[:2]
     value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
     best_time, least = time_high, np.inf
     for guess in range(GUESSES):
         time = time_low + (time_high - time_low) * ((guess + 0.5) / GUESSES) ** 2
-        control = _quintic_control(course, time)
-        z = roll_out(course, time, course.start[2], control)
-        evaluate(course, time, 0.0, 0.0, z, control, value, gradient)
+        control = _quintic_control(tracking, time)
+        z = roll_out(tracking, time, tracking.start[2], control)
+        evaluate(tracking, time, 0.0, 0.0, z, control, value, gradient)
         violation = _excess(bounded, value)
         if violation < least:
             best_time, least = time, violation
@@ -151,25 +150,25 @@ def guess_time(course: Course, time_low: float, time_high: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def quintic_index(course: Course, time: float) -> float:
+def quintic_index(tracking: Tracking, time: float) -> float:
     """The tracking index of the quintic from the start to a rendezvous at a time."""
-    control = _quintic_control(course, time)
-    return tracking_index(course, roll_out(course, time, course.start[2], control), control, time)
+    control = _quintic_control(tracking, time)
+    return tracking_index(tracking, roll_out(tracking, time, tracking.start[2], control), control, time)
 
 
 @njit(cache=True, nogil=True)
-def _quintic_control(course: Course, time: float) -> Array:
+def _quintic_control(tracking: Tracking, time: float) -> Array:
     """Scaled jerk at the middle of each stage of the quintic from the start to the rendezvous."""
-    e = course.start[0] - course.target[0]
-    v = time * (course.start[1] - course.target[1])
-    a = time * time * (course.start[2] - course.target[2])
-    control = np.empty(course.durations.shape[0])
+    e = tracking.start[0] - tracking.target[0]
+    v = time * (tracking.start[1] - tracking.target[1])
+    a = time * time * (tracking.start[2] - tracking.target[2])
+    control = np.empty(tracking.durations.shape[0])
     elapsed = 0.0
     for k in range(control.shape[0]):
-        s = elapsed + 0.5 * course.durations[k]
+        s = elapsed + 0.5 * tracking.durations[k]
         cubic, quartic = -10.0 * e - 6.0 * v - 1.5 * a, 15.0 * e + 8.0 * v + 1.5 * a
         control[k] = 6.0 * cubic + 24.0 * quartic * s - 60.0 * (6.0 * e + 3.0 * v + 0.5 * a) * s * s
-        elapsed += course.durations[k]
+        elapsed += tracking.durations[k]
     return control
 
 
@@ -245,14 +244,14 @@ def _barrier_model(
 
 
 @njit(cache=True, nogil=True)
-def _start_basis(course: Course, time: float, acceleration: float, free_time: bool) -> Array:
+def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time: bool) -> Array:
     """How the first ``(z, T)`` changes with what is free at the start: T, then the acceleration; ``(free, 4)``."""
-    basis = np.zeros((int(free_time) + int(course.free_acceleration), 4))
+    basis = np.zeros((int(free_time) + int(tracking.free_acceleration), 4))
     if free_time:
-        basis[0, 1] = course.start[1] - course.target[1]
-        basis[0, 2] = 2.0 * time * (acceleration - course.target[2])
+        basis[0, 1] = tracking.start[1] - tracking.target[1]
+        basis[0, 2] = 2.0 * time * (acceleration - tracking.target[2])
         basis[0, 3] = 1.0
-    if course.free_acceleration:
+    if tracking.free_acceleration:
         basis[-1, 2] = time * time
     return basis
 

@@ -14,8 +14,8 @@ from typing import Literal
 
 import numpy as np
 
-from planners.dpct.constraints import Course
-from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course, sample_manoeuvre
+from planners.dpct.constraints import Tracking
+from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, sample_manoeuvre, tracking_problem
 from planners.motion.line import Branch, Line, reduce_to_line
 from planners.motion.line_motion import KINDS, joint_motion, limit_table, sample_ride, to_trajectory
 from planners.motion.rides import Window, ride_load, ride_windows
@@ -120,41 +120,36 @@ def _plan_on(line: Line, aim: Aim, free_acceleration: bool, allow_reverse: bool,
     if windows[0].opens == 0.0 and (np.abs(line.start - line.target) < MET).all():
         ride = sample_ride(line, 0.0, min(line.problem.horizon, windows[0].closes))
         return to_trajectory(line, [ride], windows[0].closes, 0.0, 0.0, _PLANNER)
-    course = make_course(line, graded_stages(stages), free_acceleration, allow_reverse)
-    plan = _within_limits(line, course, windows, aim, start_load, 0.0)
+    tracking = tracking_problem(line, graded_stages(stages), free_acceleration, allow_reverse)
+    plan = _within_limits(line, tracking, windows, aim, start_load, 0.0)
     if plan is None and start_load.max() > 1.0 - START_TOLERANCE:
-        plan = _within_limits(line, course, windows, aim, start_load, START_OVERSHOOT)
+        plan = _within_limits(line, tracking, windows, aim, start_load, START_OVERSHOOT)
     if plan is None:
         raise _late(line, windows, aim.rendezvous_time)
     return plan
 
 
 def _within_limits(
-    line: Line, course: Course, windows: list[Window], aim: Aim, start_load: Array, overshoot: float
+    line: Line, tracking: Tracking, windows: list[Window], aim: Aim, start_load: Array, overshoot: float
 ) -> Trajectory | None:
     """Search, check densely, and back off where the check finds an excess.
 
-    Args:
-        line: the problem along its line.
-        course: the same for the solver.
-        windows: where the rendezvous may be.
-        aim: what to minimise.
-        start_load: what the start brings along; more than the limits where that is more, ``(4, n)``.
-        overshoot: how much more than that is still accepted, as a fraction of the limits.
+    ``start_load`` ``(4, n)`` are the loads of the start, which count as limits where they are higher; ``overshoot`` is
+    how much more than that is accepted, as a fraction of the limits.
     """
     allowed = np.maximum(DENSE_LOAD, start_load + overshoot)
     tightening = np.full((4, 1), FIRST_TIGHTENING)
     guess = None
     for attempt in range(BACK_OFFS):
         limits = limit_table(line) * np.maximum(tightening, start_load + 0.5 * overshoot)
-        found = find_rendezvous(line, course._replace(inverse_limits=1.0 / limits), windows, aim, guess)
+        found = find_rendezvous(line, tracking._replace(inverse_limits=1.0 / limits), windows, aim, guess)
         if found is None and attempt > 0:
             return None
         if found is None:  # it may take all there is
             tightening = np.ones((4, 1))
             continue
         window, solution = found
-        manoeuvre = sample_manoeuvre(line, course, solution)
+        manoeuvre = sample_manoeuvre(line, tracking, solution)
         excess = (manoeuvre.peak_load(line) / allowed).max(axis=1, keepdims=True)
         if (excess <= 1.0).all():
             ride = sample_ride(line, solution.time, max(solution.time, min(line.problem.horizon, window.closes)))

@@ -256,13 +256,8 @@ def signed_peak(tau: Array) -> Array:
 
 @dataclass(frozen=True)
 class _BeltLine:
-    """The line the hand is on, ``r`` from 0 at its start to 1 at its end, and the part on it (eq 17).
-
-    Attributes:
-        path: joint angles by metres along the line.
-        length: m.
-        offset: r of the part at time 0.
-        rate: dr/dt of the part, 1/s.
+    """The line the hand is on, ``r`` from 0 at its start to 1 at its end, and the part on it (eq 17): the joint
+    angles by metres along the line, its length (m), ``r`` of the part at time 0, and dr/dt of the part (1/s).
     """
 
     path: Path

@@ -62,10 +62,8 @@ def search(
     Args:
         tables: derivatives and coefficients at the stages.
         bounds: limits of torque, velocity, acceleration and jerk, ``(4, n)``.
-        rates: x2 of the states, ``(N2 + 1,)``, 1/s.
-        target_state: Nt.
-        offset: x~1 at time 0.
-        end: t_f, s.
+        rates, target_state: x2 of the states, ``(N2 + 1,)``, 1/s, and Nt.
+        offset, end: x~1 at time 0, and t_f, s.
         exact, price_wait: see :class:`planners.dpct.paper.Reading`.
 
     Returns:

@@ -21,17 +21,13 @@ from planners.typing import Array
 
 @njit(cache=True, nogil=True)
 def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Array, basis: Array) -> tuple[Array, Array]:
-    """Optimal steps.
+    """Optimal steps ``w``, ``(N, 5)``, and ``y``, ``(free,)``; not finite where there is no solution.
 
     Args:
         durations: of the stages, ``(N,)``.
-        hessian: ``H``, ``(N, 5, 5)``, positive definite in the control.
-        linear: ``g``, ``(N, 5)``.
+        hessian, linear: ``H`` ``(N, 5, 5)``, positive definite in the control, and ``g`` ``(N, 5)``.
         residual: ``z_N`` before the step, ``(3,)``.
         basis: what may change at the start, ``(free, 4)``.
-
-    Returns:
-        ``w``, ``(N, 5)``, and ``y``, ``(free,)``; not finite where there is no solution.
     """
     stages = durations.shape[0]
     # u = gain x + offset + answer nu

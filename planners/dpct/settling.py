@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.dpct.constraints import Course
+from planners.dpct.constraints import Tracking
 from planners.dpct.interior_point import solve
-from planners.dpct.search import Aim, find_rendezvous, graded_stages, make_course
+from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, tracking_problem
 from planners.motion.line import reduce_to_line
 from planners.motion.rides import Window, ride_windows
 from planners.problem import MotionProblem, MovingHand
@@ -35,7 +35,7 @@ def settling_bound(
 
     The hand keeps to the target's line and may move backwards. From the settling time on it is within both tolerances,
     and some time later exactly with the target. An arm that leaves the line may use the tolerances across it too, so
-    this is a reference for a score and no proof.
+    this is a reference for a score and no proof. It is inf if no motion settles within the horizon.
 
     Args:
         problem: with a moving target.
@@ -44,9 +44,6 @@ def settling_bound(
         limit_tolerance: by how much every limit but the joint angles' may be exceeded, as a fraction of it.
         stages: intervals of constant jerk.
         free_initial_acceleration: let the hand choose its acceleration at time 0, in place of the start's.
-
-    Returns:
-        The time, or inf if no motion settles within the horizon.
 
     Raises:
         ValueError: if a tolerance is out of range, or the problem has no moving target.
@@ -63,24 +60,24 @@ def settling_bound(
     # the exact rendezvous may come after the horizon
     line = reduce_to_line(replace(problem, limits=limits, horizon=LOOK_AHEAD * problem.horizon))
     windows = ride_windows(line)
-    course = make_course(line, graded_stages(stages), free_initial_acceleration, allow_reverse=True)
+    tracking = tracking_problem(line, graded_stages(stages), free_initial_acceleration, allow_reverse=True)
     tolerances = np.array([position_tolerance, velocity_tolerance])
     if (np.abs(line.start - line.target)[:2] <= tolerances).all():
-        settled = course._replace(error_bounds=np.tile(tolerances, (stages, 1)))
+        settled = tracking._replace(error_bounds=np.tile(tolerances, (stages, 1)))
         if find_rendezvous(line, settled, windows, Aim()) is not None:
             return 0.0
-    found = find_rendezvous(line, course, windows, Aim())
+    found = find_rendezvous(line, tracking, windows, Aim())
     if found is None:
         return math.inf
     window, exact = found
-    times = [_settling_time(course, tolerances, share, window, exact.time) for share in SETTLED_SHARES]
+    times = [_settling_time(tracking, tolerances, share, window, exact.time) for share in SETTLED_SHARES]
     earliest = min(exact.time, *times)
     return earliest if earliest <= problem.horizon else math.inf
 
 
-def _settling_time(course: Course, tolerances: Array, share: float, window: Window, rendezvous: float) -> float:
+def _settling_time(tracking: Tracking, tolerances: Array, share: float, window: Window, rendezvous: float) -> float:
     """Earliest settling time if the errors are within tolerance for the last ``share`` of the stages."""
-    stages = len(course.durations)
+    stages = len(tracking.durations)
     first = stages - round(share * stages)
     error_bounds = np.full((stages, 2), math.inf)
     error_bounds[first:] = tolerances
@@ -88,5 +85,5 @@ def _settling_time(course: Course, tolerances: Array, share: float, window: Wind
     earliest = max(window.opens, 0.1 * rendezvous)
     if latest <= earliest:
         return math.inf
-    solution = solve(course._replace(error_bounds=error_bounds), rendezvous, earliest, latest, 1.0 / rendezvous, 0.0)
-    return solution.time * float(course.durations[:first].sum()) if solution.converged else math.inf
+    solution = solve(tracking._replace(error_bounds=error_bounds), rendezvous, earliest, latest, 1.0 / rendezvous, 0.0)
+    return solution.time * float(tracking.durations[:first].sum()) if solution.converged else math.inf

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from planners.lagrange.banded import factorise, substitute
-from planners.lagrange.newton import Model, Point, Task, bounded, displace, index, look_at, newton_model
+from planners.lagrange.newton import Model, Point, TorqueTask, bounded, displace, index, look_at, newton_model
 from planners.lagrange.transcription import Transcription
 from planners.typing import Array
 
@@ -29,7 +29,7 @@ TO_BOUNDARY = 0.99
 HALVINGS = 10
 
 
-class Solution(NamedTuple):
+class Result(NamedTuple):
     """What the solver found.
 
     Attributes:
@@ -44,16 +44,13 @@ class Solution(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance: float, most: int) -> Solution:
+def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tolerance: float, most: int) -> Result:
     """Local minimum from a start.
 
     Args:
-        tr: the motion as a linear map of the unknowns.
-        task: index and limits.
+        tr, task: the motion as a linear map of the unknowns; index and limits.
         start: unknowns, ``(unknowns, n)``.
-        barrier: first barrier parameter.
-        tolerance: of the index.
-        most: iterations.
+        barrier, tolerance, most: first barrier parameter, tolerance of the index, number of iterations.
     """
     weights = tr.weights / tr.weights.sum()
     x, point = start.copy(), look_at(tr, task, start)
@@ -118,7 +115,7 @@ def solve(tr: Transcription, task: Task, start: Array, barrier: float, tolerance
             if converged:
                 break
     load = np.max(np.abs(point.load)) if point.load.size > 0 else 0.0
-    return Solution(x, load, converged)
+    return Result(x, load, converged)
 
 
 @njit(cache=True, nogil=True)
@@ -218,7 +215,14 @@ def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms
 
 @njit(cache=True, nogil=True)
 def _merit(
-    weights: Array, task: Task, point: Point, slacks: Array, rooms: Array, barrier: float, eps: float, penalty: float
+    weights: Array,
+    task: TorqueTask,
+    point: Point,
+    slacks: Array,
+    rooms: Array,
+    barrier: float,
+    eps: float,
+    penalty: float,
 ) -> float:
     """Smoothed index with the barrier of the slacks and the l1 penalty on what they miss; inf outside the barrier."""
     if not np.all(slacks > 0.0):

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import BPoly
 
-from planners.lagrange.interior_point import Solution, solve
-from planners.lagrange.newton import Task
+from planners.lagrange.interior_point import Result, solve
+from planners.lagrange.newton import TorqueTask
 from planners.lagrange.transcription import Basis, Ends, Transcription, fit, motion, transcribe
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
@@ -30,14 +30,9 @@ _ORDERS = np.array([-1, 1, 2, 3, 0])
 
 @dataclass(frozen=True)
 class JointMove:
-    """From one joint state to another in a given time.
+    """From one joint state to another in ``duration`` s, by an arm with its payload, within joint limits.
 
-    Attributes:
-        arm: with its payload.
-        limits: what the joints may do.
-        ends: joint states at the start and the end.
-        duration: s.
-        clamp_acceleration: whether the accelerations of the ends are to be met too.
+    ``clamp_acceleration`` says whether the accelerations of the ends are to be met too.
     """
 
     arm: Arm
@@ -76,14 +71,9 @@ class JointMove:
         """The move on a basis."""
         return transcribe(basis, self.ends, self.duration)
 
-    def task(self, basis: Basis, objective: Objective, tightening: Array, unit: float) -> Task:
-        """What the solver is to do.
-
-        Args:
-            basis: the functions of time to choose from.
-            objective: index.
-            tightening: share of the limits to be used, by kind, ``(5,)``; close to the ends at least what those need.
-            unit: torque that counts as 1, N m.
+    def task(self, basis: Basis, objective: Objective, tightening: Array, unit: float) -> TorqueTask:
+        """The index and the limits, of which ``tightening`` ``(5,)`` is the share to be used, by kind; close to the
+        ends it is at least what those need. ``unit`` is the torque that counts as 1, N m.
         """
         excess = np.maximum(self.end_loads - tightening[:, None], 0.0)
         closeness = np.maximum(1.0 - np.stack([basis.s, 1.0 - basis.s]) / CLOSE, 0.0)
@@ -94,18 +84,13 @@ class JointMove:
         acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
         inverse *= np.column_stack([acts, acts[:, :3].any(axis=1)])[:, _ORDERS[kinds]]
         coupling, weight = self.arm.chain_constants
-        return Task(coupling, weight, _ORDERS[kinds], joints, inverse, int(objective[2]), unit)
+        return TorqueTask(coupling, weight, _ORDERS[kinds], joints, inverse, int(objective[2]), unit)
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """A local minimum on a basis.
-
-    Attributes:
-        move: the move.
-        basis: the basis.
-        unknowns: absolute link angles, ``(unknowns, n)``.
-        feasible: whether the limits are kept at the basis' instants.
+    """A local minimum of a move on a basis: absolute link angles ``unknowns`` ``(unknowns, n)``, and whether the
+    limits are kept at the basis' instants.
     """
 
     move: JointMove
@@ -128,12 +113,8 @@ class Minimum:
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard the solver tries.
-
-    Attributes:
-        barrier: first barrier parameter: small from a good start.
-        tolerance: of the index, as a fraction of that of the quintic.
-        iterations: at most.
+    """How hard the solver tries: first barrier parameter (small from a good start), tolerance of the index as a
+    fraction of the quintic's, most iterations.
     """
 
     barrier: float
@@ -144,19 +125,13 @@ class Effort:
 def minimise(
     move: JointMove, basis: Basis, q: Array, objective: Objective, tightening: Array, unit: float, effort: Effort
 ) -> Minimum:
-    """The local minimum that a start leads to.
+    """The local minimum that joint angles ``q`` at the basis' instants, ``(points, n)``, rad, lead to.
 
-    Args:
-        move: the move.
-        basis: the functions of time to choose from.
-        q: start: joint angles at the basis' instants, ``(points, n)``, rad.
-        objective: index.
-        tightening: share of the limits to be used, by kind, ``(5,)``.
-        unit: torque that counts as 1, N m.
-        effort: of the solver.
+    ``tightening`` ``(5,)`` is the share of the limits to be used, by kind; ``unit`` is the torque that counts as 1, N
+    m.
     """
     transcription = move.transcribe(basis)
     task = move.task(basis, objective, tightening, unit)
     start = np.ascontiguousarray(fit(basis, transcription, q))
-    solution: Solution = solve(transcription, task, start, effort.barrier, effort.tolerance, effort.iterations)
+    solution: Result = solve(transcription, task, start, effort.barrier, effort.tolerance, effort.iterations)
     return Minimum(move, basis, solution.unknowns, solution.load <= 1.0 + 1e-5)

@@ -13,16 +13,14 @@ from planners.lagrange.transcription import Transcription
 from planners.typing import Array
 
 
-class Task(NamedTuple):
+class TorqueTask(NamedTuple):
     """What is to be minimised within what limits.
 
     Attributes:
         coupling, weight: constants of the arm's dynamics.
-        orders: order of derivative that each limit bounds, -1 for torque, ``(limits,)``.
-        joints: joint that each limit bounds, ``(limits,)``.
-        inverse_limits: 1 / limit at every instant, 0 where it is not to be looked at, ``(points, limits)``.
-        power: of |tau| in the integrand, 1 or 2.
-        unit: torque that counts as 1, N m.
+        orders, joints: order of derivative (-1 for torque) and joint that each limit bounds, ``(limits,)``.
+        inverse_limits: 1 / limit at every instant, 0 where it does not count, ``(points, limits)``.
+        power, unit: power of |tau| in the integrand, 1 or 2, and torque that counts as 1, N m.
     """
 
     coupling: Array
@@ -35,12 +33,8 @@ class Task(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A motion seen at the instants.
-
-    Attributes:
-        links: link angles and their derivatives, ``(points, 4, n)``.
-        tau: joint torques in units, ``(points, n)``.
-        load: signed value / limit of every limit, ``(points, limits)``.
+    """A motion at the instants: link angles with derivatives ``(points, 4, n)``, joint torques in units ``(points,
+    n)``, and the signed value / limit of every limit ``(points, limits)``.
     """
 
     links: Array
@@ -49,13 +43,9 @@ class Point(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Newton's equations, banded, and what they were made of.
-
-    Attributes:
-        hessian: rows of a banded matrix as in :mod:`planners.lagrange.banded`.
-        gradient: of the index with the barrier, slacks and duals eliminated, ``(size,)``.
-        index_gradient: of the index alone, ``(size,)``.
-        jacobians: derivatives of the torques in units, ``(points, n, 3, n)``.
+    """Newton's equations: the Hessian as rows of a banded matrix (:mod:`planners.lagrange.banded`); gradients
+    ``(size,)`` of the index with the barrier and of the index alone; derivatives of the torques in units, ``(points,
+    n, 3, n)``.
     """
 
     hessian: Array
@@ -79,7 +69,7 @@ def displace(tr: Transcription, x: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def look_at(tr: Transcription, task: Task, x: Array) -> Point:
+def look_at(tr: Transcription, task: TorqueTask, x: Array) -> Point:
     """Motion, torques and loads for unknowns ``x`` ``(unknowns, n)``."""
     links = displace(tr, x) + tr.base
     tau = np.empty((links.shape[0], x.shape[1]))
@@ -89,7 +79,7 @@ def look_at(tr: Transcription, task: Task, x: Array) -> Point:
 
 
 @njit(cache=True, nogil=True)
-def bounded(task: Task, links: Array, tau: Array) -> Array:
+def bounded(task: TorqueTask, links: Array, tau: Array) -> Array:
     """What every limit bounds, over the limit, from links' motion and torques (N m): ``(points, limits)``."""
     load = np.empty((links.shape[0], task.orders.shape[0]))
     for c in range(task.orders.shape[0]):
@@ -118,20 +108,18 @@ def index(weights: Array, tau: Array, power: int, eps: float) -> float:
 
 @njit(cache=True, nogil=True)
 def newton_model(
-    tr: Transcription, task: Task, weights: Array, point: Point, sign: Array, eps: float,
+    tr: Transcription, task: TorqueTask, weights: Array, point: Point, sign: Array, eps: float,
     force: Array, multiplier: Array, stiffness: Array,
 ) -> Model:  # fmt: skip
     """Newton's equations at a point.
 
     Args:
-        tr: the motion as a linear map of the unknowns.
-        task: index and limits.
+        tr, task: the motion as a linear map of the unknowns; index and limits.
         weights: of the instants in the index, ``(points,)``.
         point: where.
-        sign: present dual variable of every torque, in [-1, 1], ``(points, n)``.
-        eps: width of the smoothed |tau|, units.
-        force, multiplier, stiffness: of every limit: derivative of the barrier by the load, present multiplier, and
-            second derivative of the barrier, ``(points, limits)``.
+        sign, eps: dual variable of every torque, in [-1, 1], ``(points, n)``, and width of the smoothed |tau|, units.
+        force, multiplier, stiffness: of every limit, ``(points, limits)``: derivative of the barrier by the load,
+            present multiplier, second derivative of the barrier.
     """
     points, n = point.tau.shape
     support = tr.functions.shape[2]

@@ -18,9 +18,8 @@ import numpy as np
 
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective
-from planners.lagrange.polish import polished
+from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to
-from planners.lagrange.search import Fit, least_torque
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory

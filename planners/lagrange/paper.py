@@ -302,20 +302,17 @@ def least_torque(
     first: NDArray[np.int64],
     weights: Array,
 ) -> NDArray[np.int64]:
-    """The combination of one curve for each joint that has the least PI, by trying them all.
+    """Which curve each joint takes, ``(n,)``, for the least PI, by trying every combination.
 
     The torques are those of :mod:`planners.robot.dynamics` with a link's direction as a complex number z = exp(i
     phi), which needs no sines: the moment on link i is ``Im(conj(z_i) (sum_j a_ij z_j'' + i weight_i))``.
 
     Args:
         coupling, weight: the arm's chain constants.
-        turn: exp(i q) of the curves of all joints, one joint after the other, ``(curves, samples)``.
-        speed, acceleration: q' and q'' of the same.
+        turn, speed, acceleration: exp(i q), q' and q'' of the curves of all joints, one joint after the other,
+            ``(curves, samples)``.
         first: where each joint's curves begin, and where the last one's end, ``(n + 1,)``.
         weights: of the samples in the integral over time, ``(samples,)``, s.
-
-    Returns:
-        Which of its curves each joint takes, ``(n,)``.
     """
     n, samples = len(first) - 1, len(weights)
     outer = n - 1

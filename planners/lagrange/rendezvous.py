@@ -14,7 +14,7 @@ import numpy as np
 
 from planners.goals import ORIENTATIONS, Elbow, on_branch
 from planners.lagrange.joint_move import JointMove
-from planners.lagrange.search import reaches
+from planners.lagrange.multistart import reaches
 from planners.lagrange.transcription import Ends
 from planners.motion.line import Line, reduce_to_line
 from planners.motion.line_motion import joint_motion
@@ -37,11 +37,8 @@ BEYOND = 4.0
 
 @dataclass(frozen=True)
 class Ride:
-    """One way to go with a moving target.
-
-    Attributes:
-        line: the target's line with one elbow (and, for three links, one orientation).
-        windows: when it may be ridden within the limits.
+    """One way to go with a moving target: its line with one elbow (and, for three links, one orientation), and the
+    windows in which it may be ridden within the limits.
     """
 
     line: Line
@@ -93,13 +90,9 @@ def moves_to(rides: Sequence[Ride], move: JointMove, t: float) -> dict[int, Join
 
 
 def earliest(rides: Sequence[Ride], move: JointMove, preferred: float, horizon: float) -> float:
-    """The earliest rendezvous found, s; inf if there is none within four horizons.
+    """The earliest rendezvous found with one of the rides, s; inf if there is none within four horizons.
 
-    Args:
-        rides: to be joined.
-        move: from the start.
-        preferred: the latest time that is welcome, s.
-        horizon: the latest time that is of use, s.
+    ``preferred`` is the latest time that leaves leisure, ``horizon`` the latest that is of use, s.
     """
     for latest in (preferred, horizon, math.sqrt(BEYOND) * horizon, BEYOND * horizon):
         times = [_earliest(ride, move, latest) for ride in rides]

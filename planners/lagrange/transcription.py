@@ -47,13 +47,10 @@ class Basis(NamedTuple):
 
 
 class Transcription(NamedTuple):
-    """A basis put to one problem: absolute link angles in radians, time in seconds.
+    """A basis applied to one problem: absolute link angles in radians, time in seconds.
 
-    Attributes:
-        weights: quadrature weights of the instants, s, ``(points,)``.
-        first: number of the first unknown that acts at each instant, ``(points,)``.
-        functions: what those that act contribute to each order of derivative, ``(points, 4, support)``.
-        base: the motion with all unknowns zero, ``(points, 4, n)``.
+    ``weights`` ``(points,)`` are those of the basis times the duration, ``base`` ``(points, 4, n)`` is the motion
+    with all unknowns zero; the rest is as in `Basis`.
     """
 
     weights: Array
@@ -105,11 +102,8 @@ def transcribe(basis: Basis, ends: Ends, duration: float) -> Transcription:
 
 
 def motion(transcription: Transcription, unknowns: Array) -> Array:
-    """Joint angles, velocities, accelerations and jerks at the instants, ``(4, points, n)``, SI units.
-
-    Args:
-        transcription: of the problem.
-        unknowns: absolute link angles, ``(unknowns, n)``, rad.
+    """Joint angles, velocities, accelerations and jerks at the instants, ``(4, points, n)``, SI units, of absolute link
+    angles ``unknowns`` ``(unknowns, n)``, rad.
     """
     support = transcription.functions.shape[2]
     acting = unknowns[transcription.first[:, None] + np.arange(support)]
@@ -138,14 +132,10 @@ def _lagrange_values(degree: int, s: Array) -> Array:
 
 
 def _clamp(values: Array, s: Array, weights: Array, count: int, clamp_acceleration: bool) -> Basis:
-    """Express the outermost coefficients of a basis by what is given at the ends; the others are the unknowns.
+    """Express the outermost of ``count`` coefficients by what is given at the ends; the others are the unknowns.
 
-    Args:
-        values: of all functions, with derivatives, at the instants, ``(points, 4, count)``.
-        s: instants, the first at the start, the last at the end.
-        weights: of the instants.
-        count: how many functions there are.
-        clamp_acceleration: whether the accelerations at the ends are given too.
+    ``values`` ``(points, 4, count)`` are all functions with derivatives at the instants ``s``, the first at the start
+    and the last at the end; ``clamp_acceleration`` says whether the accelerations at the ends are given too.
     """
     orders = 3 if clamp_acceleration else 2
     dependent = np.r_[0:orders, count - orders : count]

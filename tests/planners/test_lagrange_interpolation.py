@@ -19,7 +19,7 @@ from planners.lagrange.interpolation import (
     lobatto_quadrature,
 )
 from planners.lagrange.joint_move import JointMove
-from planners.lagrange.newton import Task, index, look_at, newton_model
+from planners.lagrange.newton import TorqueTask, index, look_at, newton_model
 from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
@@ -159,7 +159,7 @@ def test_gradient_and_hessian_of_the_index(power: int, basis: Basis) -> None:
     move = JointMove(VERTICAL, VERTICAL.limits, ends, 0.9, False)
     tr = move.transcribe(basis)
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros((len(basis.s), 0))
-    task = Task(*VERTICAL.chain_constants, none, none, nothing, power, 3.0)
+    task = TorqueTask(*VERTICAL.chain_constants, none, none, nothing, power, 3.0)
     x, eps = rng.normal(size=(len(basis.fitting), 3)) * 0.3, 0.2
 
     def value(unknowns: Array) -> float:

@@ -26,8 +26,8 @@ from planners import (
     lagrange,
 )
 from planners.lagrange.interpolation import lobatto_nodes
+from planners.lagrange.via.candidates import CONTACT
 from planners.lagrange.via.curve import interpolate
-from planners.lagrange.via.search import CONTACT
 from planners.typing import Array
 
 LIMITS = JointLimits(torque=(10.0, 4.0), velocity=(2.4, 2.4), acceleration=(4.5, 8.0), angle=SCARA_50CM.limits.angle)

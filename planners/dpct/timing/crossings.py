@@ -34,14 +34,11 @@ class StraightWay(NamedTuple):
     ``q = origin + r direction - across (shed - t)^2 / (2 shed)``, without the last term from ``t = shed`` on.
 
     Attributes:
-        origin: joint angles at ``r = 0``, ``(n,)``, rad.
-        direction: of unit length, ``(n,)``.
-        across: joint velocity across the line at time 0, ``(n,)``, rad/s.
-        shed: when nothing of it is left, s.
-        speed: along the line at time 0, rad/s.
-        top_speed, acceleration: limits along the line, rad/s and rad/s^2.
+        origin, direction: joint angles at ``r = 0``, rad, and a unit vector, ``(n,)``.
+        across, shed: joint velocity across the line at time 0, ``(n,)``, rad/s, and when nothing of it is left, s.
+        speed, top_speed, acceleration: along the line: at time 0, and the limits, rad/s and rad/s^2.
         low, high: where it may come to rest, with the joints within their ranges, rad; NaN if the line is of no use.
-        goal: place to come to rest at, rad; NaN for a line that leads nowhere.
+        goal: place to come to rest at, rad; NaN for a line without a goal.
         held: number of stages in which the speed must stay as it is, because shedding takes all acceleration.
     """
 

@@ -87,14 +87,7 @@ def _shedding(across: Array, acceleration: Array) -> tuple[float, bool]:
 
 @njit(cache=True, nogil=True)
 def _line(
-    q: Array,
-    way: Array,
-    speed: float,
-    across: Array,
-    shed: float,
-    gentle: bool,
-    has_goal: bool,
-    limits: ArmLimits,
+    q: Array, way: Array, speed: float, across: Array, shed: float, gentle: bool, has_goal: bool, limits: ArmLimits
 ) -> StraightWay:
     """The line ``way`` long and what the limits allow on it."""
     table = limits.table

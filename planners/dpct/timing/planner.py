@@ -21,8 +21,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightWay, first_contact
+from planners.dpct.timing.lattice import best_timing, time_from_rest
 from planners.dpct.timing.line import line_to
-from planners.dpct.timing.search import best_timing, time_from_rest
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory

@@ -19,7 +19,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from planners.dpct.torque.search import Corridor, Profile, least_torque, mix
+from planners.dpct.torque.profile_search import Corridor, Profile, least_torque, mix
 from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
@@ -119,14 +119,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
 
 @dataclass(frozen=True)
 class _Way:
-    """The straight way of a problem, ``r`` from 0 to 1.
-
-    Attributes:
-        problem: as it was given.
-        path: by its own parameter, ``length`` times r.
-        length: of the way, in the unit of the path; 0 where the start is the target.
-        r: the stages, ``(N + 1,)``.
-        speed: rate of r at time 0, 1/s.
+    """The straight way of a problem, ``r`` from 0 to 1: its path, the path's length (0 where the start is the
+    target), the stages ``r`` ``(N + 1,)``, and the rate of r at time 0, 1/s.
     """
 
     problem: MotionProblem

@@ -172,15 +172,10 @@ def _step(track: Track, k: int, before: float, after: float, squared: bool) -> t
 
 @njit(cache=True, nogil=True)
 def price_steps(track: Track, speeds: Array, squared: bool) -> tuple[Array, Array]:
-    """Torque index and duration of every step between the speeds of neighbouring stages.
+    """Torque index and duration, ``(N, states, states)``, of every step between the speeds of neighbouring stages.
 
-    Args:
-        track: the path.
-        speeds: at the stages, ``(N + 1, states)``.
-        squared: whether torque counts squared (PI2) or by its absolute value (PI1).
-
-    Returns:
-        Two arrays ``(N, states, states)``; the index is inf (and the duration 0) where a step breaks a limit.
+    ``speeds`` are those at the stages, ``(N + 1, states)``; ``squared`` asks for PI2 in place of PI1. The index is inf
+    (and the duration 0) where a step breaks a limit.
     """
     stages, states = track.widths.shape[0], speeds.shape[1]
     index = np.empty((stages, states, states))
@@ -194,15 +189,11 @@ def price_steps(track: Track, speeds: Array, squared: bool) -> tuple[Array, Arra
 
 @njit(cache=True, nogil=True)
 def best_states(index: Array, duration: Array, rate: float, gate: int) -> tuple[Array, float, float]:
-    """The states of least ``index + rate * duration`` by backward dynamic programming, from state 0 of the first stage.
+    """States ``(N + 1,)`` of least ``index + rate * duration`` from state 0 of the first stage, and the index and the
+    duration of the whole, inf where every way is blocked: backward dynamic programming over the arrays of
+    `price_steps`.
 
-    Args:
-        index, duration: of `price_steps`.
-        rate: price of time.
-        gate: a stage that must be passed in state 0; -1 for none.
-
-    Returns:
-        States ``(N + 1,)``, and the index and the duration of the whole; inf where every way is blocked.
+    ``gate`` is a stage that must be passed in state 0, -1 for none.
     """
     stages, states = index.shape[0], index.shape[1]
     following = np.zeros((stages, states), dtype=np.int64)

@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 
 from planners.goals import Elbow, goal_postures
+from planners.lagrange.via.candidates import SHARE, CostModel, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate, sample_derivative
-from planners.lagrange.via.search import SHARE, CostModel, Ends, Situation, search
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -161,7 +161,7 @@ def _sides(n_joints: int) -> list[Array]:
 
 
 @njit(cache=True, nogil=True)
-def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Array, patterns: int) -> Ends:
+def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Array, patterns: int) -> Stops:
     """Goals ``(goals, n)``, with every pattern, and postures to wait in: where the arm can stop, and off it.
 
     The latter by ``offsets``, ``(offsets, n)``. Waiting postures outside of the joint ranges are left out. They are
@@ -189,7 +189,7 @@ def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Arr
         for goal in goals:
             due[count] = min(due[count], waiting + model.detour * _least_time(situation, posture, still, goal))
         count += 1
-    return Ends(q[:count], due[:count], hold[:count], soonest[:count], tried[:count])
+    return Stops(q[:count], due[:count], hold[:count], soonest[:count], tried[:count])
 
 
 @njit(cache=True, nogil=True)

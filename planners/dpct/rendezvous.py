@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.dpct.constraints import Course, roll_out
+from planners.dpct.constraints import Tracking, roll_out
 from planners.dpct.interior_point import Solution, guess_time, quintic_index, solve
 from planners.motion.line import Line
 from planners.motion.line_motion import Motion, joint_motion, limit_table
@@ -49,14 +49,10 @@ class Aim:
     time_weight: float | None = None
 
 
-def make_course(line: Line, durations: Array, free_acceleration: bool, allow_reverse: bool) -> Course:
-    """The line as the compiled solver wants it.
+def tracking_problem(line: Line, durations: Array, free_acceleration: bool, allow_reverse: bool) -> Tracking:
+    """The line's problem for the compiled solver, with stages of the given ``durations``, in any unit, ``(N,)``.
 
-    Args:
-        line: the problem along its line.
-        durations: of the stages, in any unit, ``(N,)``.
-        free_acceleration: whether the planner chooses the acceleration at time 0.
-        allow_reverse: whether the hand may move against the line; it always may where its start or the target does.
+    ``allow_reverse`` lets the hand move against the line; it always may where its start or the target does.
     """
     horizon = line.problem.horizon
     where, speeds, _ = line.target_at(np.linspace(0.0, horizon, 17))
@@ -66,7 +62,7 @@ def make_course(line: Line, durations: Array, free_acceleration: bool, allow_rev
     low, high = max(line.low, float(places.min()) - margin), min(line.high, float(places.max()) + margin)
     table = tabulate(line.path, line.arm, low, high)
     forced_back = line.start[1] < -1e-6 or (line.start[2] < -1e-6 and not free_acceleration) or speeds.min() < -1e-6
-    return Course(
+    return Tracking(
         target=line.target,
         start=line.start,
         free_acceleration=free_acceleration,
@@ -92,7 +88,7 @@ def graded_stages(stages: int) -> Array:
 
 
 def find_rendezvous(
-    line: Line, course: Course, windows: list[Window], aim: Aim, guess: float | None = None
+    line: Line, tracking: Tracking, windows: list[Window], aim: Aim, guess: float | None = None
 ) -> tuple[Window, Solution] | None:
     """The best rendezvous in the first window that has one before the horizon; None if none has."""
     for window in windows:
@@ -100,33 +96,33 @@ def find_rendezvous(
         if aim.rendezvous_time is not None:
             low = high = aim.rendezvous_time
         if low <= high:
-            solution = _optimum(line, course, low, high, aim, guess)
+            solution = _optimum(line, tracking, low, high, aim, guess)
             if solution is not None:
                 return window, solution
     return None
 
 
-def meets_at(course: Course, time: float) -> Solution | None:
+def meets_at(tracking: Tracking, time: float) -> Solution | None:
     """The motion of least tracking index to a rendezvous at a given time, s; None if there is none."""
-    solution = solve(course, time, time, time, 0.0, 1.0 / _quintic_index(course, time))
+    solution = solve(tracking, time, time, time, 0.0, 1.0 / _quintic_index(tracking, time))
     return solution if solution.converged else None
 
 
-def _optimum(line: Line, course: Course, low: float, high: float, aim: Aim, guess: float | None) -> Solution | None:
+def _optimum(line: Line, tracking: Tracking, low: float, high: float, aim: Aim, guess: float | None) -> Solution | None:
     """The optimum over ``[low, high]``; with more care where the first attempt fails."""
     if low == high:
-        return meets_at(course, low)
+        return meets_at(tracking, low)
     if guess is None:  # an infeasible time is a bad place to start from, so rather too late
-        first = guess_time(course, low, high)
+        first = guess_time(tracking, low, high)
         guess = min(1.5 * first, 0.5 * (first + high))
     for time, largest_change in ((guess, BOLD), (0.5 * (low + high), CAREFUL)):
-        weights = _weights(line, aim, time, _quintic_index(course, time))
-        solution = solve(course, time, low, high, *weights, largest_change)
+        weights = _weights(line, aim, time, _quintic_index(tracking, time))
+        solution = solve(tracking, time, low, high, *weights, largest_change)
         # the very end is hardly ever the earliest time: there the steps of T may have died out too soon
         doubtful = aim.time_weight is None and solution.time > 0.999 * high
         if solution.converged and not doubtful:
             return solution
-    return _bisect(course, low, high)
+    return _bisect(tracking, low, high)
 
 
 def _weights(line: Line, aim: Aim, time: float, index: float) -> tuple[float, float]:
@@ -137,34 +133,34 @@ def _weights(line: Line, aim: Aim, time: float, index: float) -> tuple[float, fl
     return aim.time_weight / scale, 1.0 / (line.unit**2 * scale)
 
 
-def _quintic_index(course: Course, time: float) -> float:
+def _quintic_index(tracking: Tracking, time: float) -> float:
     """The tracking index of a quintic that meets the target at a time; 1 where it is 0."""
-    return quintic_index(course, time) or 1.0
+    return quintic_index(tracking, time) or 1.0
 
 
-def _bisect(course: Course, low: float, high: float) -> Solution | None:
+def _bisect(tracking: Tracking, low: float, high: float) -> Solution | None:
     """The earliest rendezvous among given times: probes of the interval, then halves of what is left."""
     best = None
     for time in low + (high - low) * np.linspace(0.0, 1.0, PROBES) ** 2:
-        best = meets_at(course, float(time))
+        best = meets_at(tracking, float(time))
         if best is not None:
             break
         low = float(time)
     while best is not None and best.time - low > 1e-4 * best.time:
         middle = 0.5 * (low + best.time)
-        earlier = meets_at(course, middle)
+        earlier = meets_at(tracking, middle)
         low, best = (middle, best) if earlier is None else (low, earlier)
     return best
 
 
-def sample_manoeuvre(line: Line, course: Course, solution: Solution) -> Motion:
+def sample_manoeuvre(line: Line, tracking: Tracking, solution: Solution) -> Motion:
     """Dense samples of a solution's stages of constant jerk: the motion up to the rendezvous."""
-    durations = course.durations * solution.time
+    durations = tracking.durations * solution.time
     parts = np.maximum(np.ceil(durations / DENSE_STEP).astype(int), 2)
     stage = np.repeat(np.arange(len(durations)), parts + 1)
     part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
     s = durations[stage] * (part / parts[stage])
-    z = roll_out(course, solution.time, solution.acceleration, solution.jerk * solution.time**3)
+    z = roll_out(tracking, solution.time, solution.acceleration, solution.jerk * solution.time**3)
     e, ed, edd = (z[stage, i] / solution.time**i for i in range(3))
     j = solution.jerk[stage]
     t = (np.cumsum(durations) - durations)[stage] + s

@@ -61,13 +61,12 @@ class Lattice(NamedTuple):
 def best_timing(
     scene: PredictedDiscs, q: Array, qd: Array, goals: Array, asides: Array, limits: ArmLimits
 ) -> tuple[float, StraightWay, float, Array]:
-    """The best timing of all on the straight lines to the goals and, if a disc is in their way, on lines aside.
+    """The best timing on the straight lines to the goals and, if a disc is in their way, on lines aside.
 
     Args:
         scene: the arm and the discs.
         q, qd: state at time 0, ``(n,)``, rad and rad/s.
-        goals: postures to go to, ``(goals, n)``, rad.
-        asides: directions of the lines aside, ``(lines, n)``.
+        goals, asides: postures to go to, ``(goals, n)``, rad, and directions of the lines aside, ``(lines, n)``.
         limits: of the arm.
 
     Returns:
@@ -90,17 +89,10 @@ def best_timing(
 def search(
     scene: PredictedDiscs, line: StraightWay, goals: Array, limits: Array, bound: float
 ) -> tuple[float, float, Array]:
-    """The best timing on a line.
-
-    Args:
-        scene: the arm and the discs.
-        line: with or without a goal.
-        goals: postures to go to in the end, ``(goals, n)``, rad.
-        limits: of torque, velocity, acceleration and angle, ``(4, n)``.
-        bound: cost from which on a timing is of no use.
+    """The best timing on a line, if it costs less than ``bound``.
 
     Returns:
-        Its cost (time to the goal and the price of being near a disc, s; inf for none below the bound), the
+        Its cost (time to one of the goals and the price of being near a disc, s; inf if there is none), the
         acceleration of the lattice, rad/s^2, and that of each stage in units of it, ``(stages,)``. From there it goes
         to rest as fast as possible: at the goal, or, on a line without one, wherever that is.
     """

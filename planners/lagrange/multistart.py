@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.lagrange.joint_move import KINDS, Curve, Effort, JointMove, Minimum, Objective, minimise
 from planners.lagrange.starts import start_curves
-from planners.lagrange.transcription import Basis, lagrange_basis
+from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
 from planners.typing import Array
 
 SKETCH_DEGREE, SKETCH_POINTS = 10, 49
@@ -28,6 +28,10 @@ PROBE = Effort(barrier=1e-2, tolerance=math.inf, iterations=40)
 """For a motion that just keeps the limits."""
 
 PROBE_DEGREE, PROBE_POINTS = 14, 57
+
+POLISH = Effort(barrier=1e-5, tolerance=1e-5, iterations=150)
+STAGES, POINTS_PER_STAGE, SAMPLES_PER_STAGE, DENSE_PER_STAGE = 150, 2, 4, 8
+"""Of the dense transcription: cubic splines, the acceleration linear on every stage."""
 
 RIVALS = 3
 """How many sketches are followed up."""
@@ -47,12 +51,8 @@ BACK_OFF, ATTEMPTS = 1e-4, 6
 
 
 class Fit(NamedTuple):
-    """A motion within its limits.
-
-    Attributes:
-        minimum: the motion on its basis.
-        samples: the same functions at equally spaced instants.
-        limit_ratios: worst |value| / limit of every kind on the dense grid.
+    """A motion within its limits: on its basis, with the same functions at equally spaced instants, and with the worst
+    value / limit of every kind on the dense grid.
     """
 
     minimum: Minimum
@@ -69,13 +69,9 @@ class Fit(NamedTuple):
 def least_torque(
     moves: Sequence[JointMove], objective: Objective, degree: int, guess: Curve | None = None
 ) -> Fit | None:
-    """The best motion found among those that any of the moves allows; None if none keeps the limits.
+    """The best motion found among those that any of the moves (such as the branches of the inverse kinematics) allows.
 
-    Args:
-        moves: alternatives, such as the branches of the inverse kinematics.
-        objective: index.
-        degree: of the Lagrange interpolation.
-        guess: a motion to start from too, such as the last plan.
+    None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too.
     """
     unit = max(torque_unit(move, objective) for move in moves)
     if len(moves) > 1:
@@ -123,6 +119,19 @@ def refine(sketch: Minimum, objective: Objective, degree: int, unit: float) -> F
     return None if found is None else Fit(found[0], samples, found[1])
 
 
+def polished(fit: Fit, objective: Objective) -> Fit:
+    """The local minimum among splines close to a motion, if it is the better one."""
+    move = fit.minimum.move
+    basis = spline_basis(STAGES, move.clamp_acceleration, POINTS_PER_STAGE)
+    dense = spline_basis(STAGES, move.clamp_acceleration, DENSE_PER_STAGE)
+    samples = spline_basis(STAGES, move.clamp_acceleration, SAMPLES_PER_STAGE)
+    unit = torque_unit(move, objective)
+    found = within_limits(move, basis, dense, fit.curve(basis.s), objective, unit, (POLISH, POLISH))
+    if found is None or found[0].index(objective, samples) > fit.minimum.index(objective, fit.samples):
+        return fit
+    return Fit(found[0], samples, found[1])
+
+
 def within_limits(
     move: JointMove,
     basis: Basis,
@@ -134,14 +143,9 @@ def within_limits(
 ) -> tuple[Minimum, dict[str, float]] | None:
     """A local minimum that keeps the limits on a dense grid, by backing off where it does not, with its limit ratios.
 
-    Args:
-        move: the move.
-        basis: the functions of time to choose from.
-        dense: the same functions on a dense grid.
-        q: start: joint angles at the instants of ``basis``, ``(points, n)``, rad.
-        objective: index.
-        unit: torque that counts as 1, N m.
-        efforts: of the solver, first and then from close by.
+    It starts from joint angles ``q`` at the instants of ``basis``, ``(points, n)``, rad; ``dense`` has the same
+    functions on a dense grid, and ``efforts`` are those from this start and from close by. ``unit`` is the torque
+    that counts as 1, N m.
     """
     given = move.end_loads.max(axis=(0, 2))
     allowed = np.where(given > DENSE_LOAD, np.maximum(1.0, given + OVERSHOOT), DENSE_LOAD)

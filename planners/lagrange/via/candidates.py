@@ -100,15 +100,9 @@ class CostModel(NamedTuple):
     detour: float = 1.5
 
 
-class Ends(NamedTuple):
-    """Postures to come to rest in.
-
-    Attributes:
-        q: the postures, ``(ends, n)``, rad.
-        due: cost of ending there, ``(ends,)``, s.
-        hold: how long the arm is to stay there, ``(ends,)``, s.
-        soonest: shortest duration that is tried, ``(ends,)``, s.
-        patterns: how many of the patterns are tried, ``(ends,)``.
+class Stops(NamedTuple):
+    """Postures to come to rest in, ``(stops, n)``, rad, and for each: the cost of ending there (s), how long the arm
+    is to stay (s), the shortest duration that is tried (s), and how many of the patterns are tried.
     """
 
     q: Array
@@ -138,15 +132,11 @@ class Found(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def search(situation: Situation, model: CostModel, ends: Ends, patterns: Array, via: Array) -> Found:
+def search(situation: Situation, model: CostModel, ends: Stops, patterns: Array, via: Array) -> Found:
     """Try every end with every pattern of via-nodes in several durations, and refine the best.
 
-    Args:
-        situation: the arm and the discs.
-        model: what a motion costs.
-        ends: where to come to rest.
-        patterns: displacements of the via-nodes, ``(patterns, 2, n)``, rad.
-        via: those of the best candidate, filled in, ``(2, n)``.
+    ``patterns`` are displacements of the via-nodes, ``(patterns, 2, n)``, rad; ``via`` ``(2, n)`` gets those of the
+    best.
     """
     n = situation.q.shape[0]
     scratch = Scratch(np.empty((n, DEGREE + 1)), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(1))
@@ -169,7 +159,7 @@ def search(situation: Situation, model: CostModel, ends: Ends, patterns: Array, 
 
 
 @njit(cache=True, nogil=True)
-def _refine(situation: Situation, model: CostModel, ends: Ends, via: Array, best: Found, scratch: Scratch) -> Found:
+def _refine(situation: Situation, model: CostModel, ends: Stops, via: Array, best: Found, scratch: Scratch) -> Found:
     """Coordinate search with shrinking strides over via-nodes and duration."""
     cost, e, duration = best
     stride = STRIDE
@@ -197,7 +187,7 @@ def _refine(situation: Situation, model: CostModel, ends: Ends, via: Array, best
 def rate(
     situation: Situation,
     model: CostModel,
-    ends: Ends,
+    ends: Stops,
     e: int,
     via: Array,
     duration: float,
