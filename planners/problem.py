@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -31,6 +31,14 @@ class Infeasible(ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(Infeasible, self.reason, self.message, **self.details), ()
+
+
+def limit_broken(reason: str, what: str, ratios: Array, kinds: Sequence[str]) -> Infeasible:
+    """The refusal that names the worst of ``ratios`` to the limits, ``(kinds, n)``: "joint 2 starts at 3 times ..."."""
+    kind, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
+    ratio = float(ratios[kind, joint])
+    message = f"joint {joint + 1} {what} {ratio:.4g} times its {kinds[kind]} limit"
+    return Infeasible(reason, message, joint=int(joint), kind=kinds[kind], ratio=ratio)
 
 
 @dataclass(frozen=True)

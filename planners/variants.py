@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from planners.problem import MotionProblem, Trajectory
+
+
+def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
+    """Raise ValueError if an option is none of those allowed."""
+    if value not in allowed:
+        raise ValueError(f"{name} {value!r} must be one of {', '.join(map(repr, allowed))}")
 
 
 def plan_variant(
@@ -24,8 +30,7 @@ def plan_variant(
         Infeasible: if no motion solves the problem, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    if variant not in planners:
-        raise ValueError(f"variant {variant!r} must be one of {', '.join(map(repr, planners))}")
+    require_choice("variant", variant, planners)
     planner = planners[variant]
     allowed = [name for name in inspect.signature(planner).parameters if name != "problem"]
     unknown = sorted(set(options) - set(allowed))

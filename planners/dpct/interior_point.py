@@ -4,6 +4,13 @@ The index is ``weight_time T + weight_error J``: a large ratio of the two asks f
 that time, the least tracking index J (eq 18 of "Motion Planning of a Robot Manipulator for Conveyor Tracking").
 Constraints get slacks; they are linearised about the motion at hand in every step, whose quadratic problem
 `solve_stages` solves.
+
+This is not the method of :mod:`planners.lagrange.interior_point`, and the two share no loop. Here the problem is nearly
+convex, has an equality at its end and a free time: a Gauss-Newton step with separate primal and dual lengths and a
+barrier that follows the gap needs no line search. There it is not convex and smoothed: exact second derivatives, a
+shift of the diagonal and a merit function. Nor do they share linear algebra: the Riccati recursion takes 14 us a step
+for 60 stages (20 us for 100), where Cholesky's method on the problem condensed to its controls takes 65 us (180 us) for
+the factor alone; the unknowns of a Lagrange interpolation act at all instants, so there are no stages to recur over.
 """
 
 from __future__ import annotations
@@ -90,11 +97,13 @@ def solve(
     centring, violation, converged, iterations, stalled = 1.0, np.inf, False, 0, 0
     for iteration in range(max_iterations):
         iterations = iteration + 1
+        # Newton's step: the quadratic model by (z, T, j) of each stage, solved over the stages (eq 29, 30)
         barrier = centring * gap
         _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
         _barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
         basis = _start_basis(tracking, time, acceleration, free_time)
         steps, start_step = solve_stages(tracking.durations, hessian, linear, z[stages], basis)
+        # as far as slacks, multipliers and T may go
         primal, dual_length = _slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
         if free_time:
             primal = min(primal, max_time_change * time / max(abs(start_step[0]), 1e-300))
@@ -106,6 +115,7 @@ def solve(
         dual += dual_length * dual_step
         z = roll_out(tracking, time, acceleration, control)
         evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
+        # done, stalled, or on with a smaller barrier
         violation, gap = _excess(bounded, value), np.sum(slack * dual) / bounds
         end_error = np.max(np.abs(z[stages]))
         if not np.isfinite(end_error + gap):

@@ -10,7 +10,7 @@ kinematics and inverse dynamics, and planned again within tighter limits where t
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, sample
 from planners.motion.line import Branch, Line, reduce_to_line
 from planners.motion.line_motion import KINDS, joint_motion, limit_table, sample_ride, to_trajectory
 from planners.motion.rides import Window, ride_load, ride_windows
-from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory
+from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_broken
 from planners.typing import Array
+from planners.variants import require_choice
 
 STAGES = 60
 
@@ -83,8 +84,7 @@ def plan_optimal(
         Infeasible: with reason ``unreachable``, ``start``, ``no_window``, ``late`` or ``limits``.
         ValueError: if an option is out of range.
     """
-    if elbow not in ("start", "best", "+", "-"):
-        raise ValueError(f"elbow {elbow!r} must be 'start', 'best', '+' or '-'")
+    require_choice("elbow", elbow, get_args(Elbow))
     if rendezvous_time is not None and not 0.0 < rendezvous_time <= problem.horizon:
         raise ValueError(f"rendezvous_time {rendezvous_time} s must be in (0, horizon = {problem.horizon}] s")
     if time_weight is not None and not time_weight >= 0.0:
@@ -180,9 +180,7 @@ def _no_window(line: Line, windows: list[Window], rendezvous_time: float | None)
         return Infeasible("no_window", f"no riding with the target {asked}, only from {spans}", windows=windows)
     loads = ride_load(line, np.linspace(0.0, horizon, 201))
     load = loads[loads.max(axis=(1, 2)).argmin()]
-    kind, joint = np.unravel_index(int(load.argmax()), load.shape)
-    ratio = float(load[kind, joint])
-    if math.isinf(ratio):
+    if math.isinf(load.max()):
         return Infeasible(
             "unreachable",
             f"within {horizon:.4g} s the target never is on the part of its line that {line.arm.name} reaches: from "
@@ -190,14 +188,8 @@ def _no_window(line: Line, windows: list[Window], rendezvous_time: float | None)
             low=line.low,
             high=line.high,
         )
-    return Infeasible(
-        "no_window" if line.moving else "limits",
-        f"being with the target takes {ratio:.4g} times the {KINDS[kind]} limit of joint {joint + 1} or more; "
-        "slow it down, move it or raise the limit",
-        joint=int(joint),
-        kind=KINDS[kind],
-        ratio=ratio,
-    )
+    what = "follows the target only at" if line.moving else "holds still at the target only at"
+    return limit_broken("no_window" if line.moving else "limits", what, load, KINDS)
 
 
 def _late(line: Line, windows: list[Window], rendezvous_time: float | None) -> Infeasible:
@@ -220,13 +212,6 @@ def _check_start(line: Line, free_acceleration: bool) -> Array:
     load[KINDS.index("jerk")] = 0.0  # jumps at the start as it may
     if free_acceleration:
         load[[KINDS.index("torque"), KINDS.index("acceleration")]] = 0.0
-    kind, joint = np.unravel_index(int(load.argmax()), load.shape)
-    if load[kind, joint] > 1.0 + START_TOLERANCE:
-        raise Infeasible(
-            "start",
-            f"joint {joint + 1} starts at {load[kind, joint]:.3g} times its {KINDS[kind]} limit",
-            joint=int(joint),
-            kind=KINDS[kind],
-            ratio=float(load[kind, joint]),
-        )
+    if load.max() > 1.0 + START_TOLERANCE:
+        raise limit_broken("start", "starts at", load, KINDS)
     return load

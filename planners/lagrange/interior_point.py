@@ -6,6 +6,8 @@ vanishes (J. Nocedal and S. J. Wright, "Numerical Optimization", chapter 19), so
 smoothed to ``sqrt(tau^2 + eps^2)``, ``eps`` following the barrier down; its curvature is taken at a dual variable, as
 T. F. Chan, G. H. Golub and P. Mulet do in "A Nonlinear Primal-Dual Method for Total Variation-Based Image Restoration",
 SIAM J. Sci. Comput. 20 (1999), which keeps Newton's method fast where the kink is sharp.
+
+:mod:`planners.dpct.interior_point` is another primal-dual method; it says why there are two.
 """
 
 from __future__ import annotations
@@ -63,6 +65,7 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
     shift, penalty = 0.0, 1.0
     converged = False
     for _ in range(most):
+        # Newton's step of unknowns, torques, loads, slacks and duals
         force, multiplier, stiffness = _push(slacks, duals, rooms, barrier)
         model = newton_model(tr, task, weights, point, sign, eps, force, multiplier, stiffness)
         step, shift = _regularised_step(model, shift, x.shape[0])
@@ -72,6 +75,7 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
         slacks_step, duals_step = _step_barrier(slacks, duals, rooms, load_step, barrier)
         reach = _longest(slacks, slacks_step)
 
+        # merit function: index, barrier and penalty on the limits that are missed
         decrement = -dot(model.gradient, step)
         slope = dot(model.index_gradient, step) - barrier * np.sum(slacks_step / slacks)
         infeasibility = np.sum(np.abs(slacks - rooms))
@@ -80,6 +84,7 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
         slope -= penalty * infeasibility
         merit = _merit(weights, task, point, slacks, rooms, barrier, eps, penalty)
 
+        # line search
         length, accepted = reach, False
         for _halving in range(HALVINGS):
             trial = x + length * step.reshape(x.shape)
@@ -99,6 +104,7 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
         _turn_signs(sign, point.tau, tau_step, eps, length)
         _move_duals(duals, duals_step, _longest(duals, duals_step), new_slacks, barrier)
         x, point, rooms, slacks = trial, new_point, new_rooms, new_slacks
+        # less or more regularisation, and a smaller barrier once the present one is solved
         if length < 0.4 * reach:
             shift = max(1e-3, 4.0 * shift)
         elif length > 0.9 * reach:

@@ -22,8 +22,9 @@ from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
 from planners.typing import Array
+from planners.variants import require_choice
 
 NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
 
@@ -95,10 +96,8 @@ def plan_optimal(
             ``start``, ``limits``, ``unreachable`` or ``no_window``.
         ValueError: if an option is out of range.
     """
-    if objective not in get_args(Objective):
-        raise ValueError(f"objective {objective!r} must be one of {', '.join(map(repr, get_args(Objective)))}")
-    if elbow not in get_args(Elbow):
-        raise ValueError(f"elbow {elbow!r} must be one of {', '.join(map(repr, get_args(Elbow)))}")
+    require_choice("objective", objective, get_args(Objective))
+    require_choice("elbow", elbow, get_args(Elbow))
     if not FEWEST_NODES <= nodes <= MOST_NODES:
         raise ValueError(f"nodes {nodes} must be from {FEWEST_NODES} to {MOST_NODES}")
     if rendezvous_time is not None and not isinstance(problem.target, MovingHand):
@@ -136,18 +135,8 @@ def _plan_to_rest(
             settings.explain,
         )
     samples = _sample(fit)
-    trajectory = Trajectory(
-        t=samples.t,
-        q=samples.q,
-        qd=samples.qd,
-        qdd=samples.qdd,
-        tau=samples.tau,
-        limit_ratios=fit.limit_ratios,
-        cost=0.0,
-        rendezvous_time=problem.horizon,
-        planner=_PLANNER,
-    )
-    return _with_cost(trajectory, settings)
+    motion = samples.t, samples.q, samples.qd, samples.qdd, samples.tau
+    return _with_cost(Trajectory(*motion, fit.limit_ratios, 0.0, problem.horizon, _PLANNER), settings)
 
 
 def _plan_rendezvous(
@@ -201,16 +190,8 @@ def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
 def _require_within_limits(move: JointMove, side: int, reason: str, most: float) -> None:
     """Refuse an end of the move that breaks a limit by itself."""
     loads = move.end_loads[side]
-    kind, joint = np.unravel_index(int(loads.argmax()), loads.shape)
-    if loads[kind, joint] > most:
-        where = ("starts", "is to end")[side]
-        raise Infeasible(
-            reason,
-            f"joint {joint + 1} {where} at {loads[kind, joint]:.4g} times its {KINDS[kind]} limit",
-            joint=int(joint),
-            kind=KINDS[kind],
-            ratio=float(loads[kind, joint]),
-        )
+    if loads.max() > most:
+        raise limit_broken(reason, ("starts at", "is to end at")[side], loads, KINDS)
 
 
 def _late(search: Callable[[float, Curve | None], Fit | None], horizon: float, explain: bool) -> Infeasible:
@@ -235,14 +216,10 @@ def _late(search: Callable[[float, Curve | None], Fit | None], horizon: float, e
 
 
 def _too_late(time: float, minimum: float) -> Infeasible:
+    message = f"no motion within the limits takes only {time:.4g} s"
     if math.isinf(minimum):
-        return Infeasible("late", f"no motion within the limits takes only {time:.4g} s", time=time)
-    return Infeasible(
-        "late",
-        f"no motion within the limits takes only {time:.4g} s; allow at least {minimum:.4g} s",
-        time=time,
-        minimum_time=minimum,
-    )
+        return Infeasible("late", f"{message}; allow more", time=time)
+    return Infeasible("late", f"{message}; allow at least {minimum:.4g} s", time=time, minimum_time=minimum)
 
 
 def _sample(fit: Fit) -> Motion:

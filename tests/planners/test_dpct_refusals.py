@@ -24,7 +24,7 @@ def test_too_fast_a_belt_names_the_limit() -> None:
     limits = replace(SCARA_1M.limits, velocity=(0.05, 0.05))
     answer = refusal(conveyor(speed=0.2, limits=limits, horizon=5.0))
     assert answer.reason == "no_window"
-    assert f"velocity limit of joint {answer.details['joint'] + 1}" in answer.message
+    assert f"joint {answer.details['joint'] + 1} follows" in answer.message
     ratio = answer.details["ratio"]
     for factor, rides in ((1.001, True), (0.999, False)):  # of the limits that just allow the ride at its easiest
         raised = replace(limits, velocity=(factor * ratio * 0.05,) * 2)

@@ -27,6 +27,7 @@ from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
+from planners.variants import require_choice
 
 Contact = Literal["refuse", "delay"]
 
@@ -79,8 +80,7 @@ def plan_timing(
         raise ValueError(f"margin {margin} m must be positive and finite")
     if not STAGE <= prediction <= MOST_PREDICTION:
         raise ValueError(f"prediction {prediction} s must be from {STAGE} to {MOST_PREDICTION} s")
-    if contact not in get_args(Contact):
-        raise ValueError(f"contact {contact!r} must be one of {', '.join(map(repr, get_args(Contact)))}")
+    require_choice("contact", contact, get_args(Contact))
     limits = np.array([getattr(problem.joint_limits, kind) for kind in ("torque", "velocity", "acceleration", "angle")])
     if not np.isfinite(limits[1:3]).all():
         raise ValueError("variant 'timing' needs finite limits of velocity and acceleration for every joint")
@@ -90,15 +90,12 @@ def plan_timing(
         trajectory = _trajectory(problem, legs, cost)
         excess = _excess(problem, trajectory)
         if excess <= 1.0 + ROUNDING:
-            _check_clearance(problem, scene, trajectory, contact)
+            _check_clearance(scene, trajectory, contact)
             return trajectory
         tighter = BACK_OFF / excess
         limits[:3] *= np.array([[tighter], [math.sqrt(tighter)], [tighter]])
-    raise Infeasible(
-        "limits",
-        f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower",
-        ratio=excess,
-    )
+    message = f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower"
+    raise Infeasible("limits", message, ratio=excess)
 
 
 class _Leg(NamedTuple):
@@ -131,11 +128,8 @@ def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limi
     bounds = ArmLimits(limits, *problem.loaded_arm.chain_constants)
     cost, line, unit, controls = best_timing(scene, q, qd, goals, _asides(len(q)), bounds)
     if not np.isfinite(cost):
-        raise Infeasible(
-            "limits",
-            "on every line the joints are too fast to stop within their ranges of angles, or the torque limits leave "
-            "nothing for accelerating; start slower, or raise the limits",
-        )
+        message = "the joints are too fast to stop within their ranges, or the torque limits leave nothing to move with"
+        raise Infeasible("limits", f"{message}; start slower, or raise the limits")
     stretches = [(STAGE, unit * control) for control in controls]
     r, v = 0.0, line.speed
     for duration, u in stretches:
@@ -213,13 +207,9 @@ def _sample(leg: _Leg) -> tuple[Array, Array, Array, Array]:
     return t, q, qd, qdd
 
 
-def _check_clearance(problem: MotionProblem, scene: PredictedDiscs, trajectory: Trajectory, contact: Contact) -> None:
+def _check_clearance(scene: PredictedDiscs, trajectory: Trajectory, contact: Contact) -> None:
     """Refuse a motion that is predicted to touch a disc."""
     time = first_contact(scene, trajectory.t, trajectory.q)
     if contact == "refuse" and math.isfinite(time):
-        raise Infeasible(
-            "collision",
-            f"every timing found for {problem.arm.name} within its limits touches a disc, the best one after "
-            f"{time:.3g} s; raise the limits of acceleration, or give contact='delay'",
-            time=time,
-        )
+        message = f"every timing found touches a disc, the best one after {time:.3g} s"
+        raise Infeasible("collision", f"{message}; raise the acceleration limits, or give contact='delay'", time=time)

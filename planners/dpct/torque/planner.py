@@ -23,8 +23,17 @@ from planners.dpct.torque.profile_search import Corridor, Profile, least_torque,
 from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
+from planners.problem import (
+    FixedJoints,
+    Infeasible,
+    MotionProblem,
+    MovingHand,
+    Trajectory,
+    limit_broken,
+    sampled_trajectory,
+)
 from planners.typing import Array
+from planners.variants import require_choice
 
 Objective = Literal["PI1", "PI2"]
 
@@ -88,8 +97,7 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     """
     if isinstance(problem.target, MovingHand):
         raise ValueError("variant 'torque' goes to a fixed target; a MovingHand is for variant 'optimal'")
-    if objective not in get_args(Objective):
-        raise ValueError(f"objective {objective!r} must be one of {', '.join(map(repr, get_args(Objective)))}")
+    require_choice("objective", objective, get_args(Objective))
     if stages < 10:
         raise ValueError(f"stages {stages} must be at least 10")
     way = _way(problem, stages)
@@ -99,13 +107,10 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     fastest, horizon = corridor.fastest, problem.horizon
     least = corridor.duration(fastest)
     if horizon < least:
-        raise Infeasible(
-            "late",
-            f"within its limits {problem.arm.name} takes {math.ceil(1e4 * least) / 1e4:.4f} s for the straight way to "
-            f"the target; the horizon is {horizon:.4g} s: raise it",
-            minimum_time=least * (1.0 + 1e-9),
-            horizon=horizon,
+        message = (
+            f"the straight way takes {math.ceil(1e4 * least) / 1e4:.4f} s; the horizon is {horizon:.4g} s, raise it"
         )
+        raise Infeasible("late", message, minimum_time=least * (1.0 + 1e-9), horizon=horizon)
     for _ in range(ATTEMPTS):
         late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
         profile = mix(corridor, fastest, corridor.fastest) if late else least_torque(corridor)
@@ -162,21 +167,12 @@ def _way(problem: MotionProblem, stages: int) -> _Way:
     outside = np.argwhere(np.abs(q) > np.array(problem.joint_limits.angle) + 1e-9)
     if len(outside):
         sample, joint = outside[0]
-        raise Infeasible(
-            "limits",
-            f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight way",
-            kind="angle",
-            joint=int(joint),
-        )
+        message = f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight way"
+        raise Infeasible("limits", message, kind="angle", joint=int(joint))
     still = np.zeros(problem.arm.n_joints)
     held = np.abs(problem.loaded_arm.bias(q[-1], still)) / np.array(problem.joint_limits.torque)
     if (held > 1.0).any():
-        raise Infeasible(
-            "limits",
-            f"to hold the arm at the target takes {held.max():.4g} times the torque limit of joint {held.argmax() + 1}",
-            kind="torque",
-            joint=int(held.argmax()),
-        )
+        raise limit_broken("limits", "holds the arm at the target only with", held[None], KINDS)
     return way
 
 
@@ -204,29 +200,18 @@ def _corridor(way: _Way, objective: Objective, limits: Array) -> Corridor:
     low, high = controllable(track, ceiling)
     blocked = np.flatnonzero(np.isnan(low))
     if len(blocked):
-        raise Infeasible(
-            "limits",
-            f"at {way.r[blocked[-1]]:.0%} of the straight way there is no speed from which the limits let the arm "
-            "come to rest at the target; holding it against gravity may take more than its torque limits",
-            r=float(way.r[blocked[-1]]),
-        )
+        r = float(way.r[blocked[-1]])
+        message = f"at {r:.0%} of the straight way no speed leads to rest at the target within the limits; raise them"
+        raise Infeasible("limits", message, r=r)
     if way.speed**2 > high[0] * (1.0 + START_TOLERANCE):
         most = math.sqrt(high[0])
-        raise Infeasible(
-            "start",
-            f"the arm starts {way.speed / most if most > 0.0 else math.inf:.4g} times as fast as it may to come to "
-            "rest at the target within its limits",
-            speed=way.speed,
-            limit=most,
-        )
+        ratio = way.speed / most if most > 0.0 else math.inf
+        message = f"the arm starts {ratio:.4g} times as fast as it may to come to rest at the target within its limits"
+        raise Infeasible("start", message, speed=way.speed, limit=most)
     if way.speed**2 < low[0]:
-        raise Infeasible(
-            "limits",
-            "within its limits the arm cannot get from its start to the target along the straight way: it would have "
-            f"to start with {math.sqrt(low[0]):.3g} of the way per second, and starts with {way.speed:.3g}",
-            speed=way.speed,
-            limit=math.sqrt(low[0]),
-        )
+        least = math.sqrt(low[0])
+        message = f"the limits ask for a start at {least:.3g} of the straight way per second, not {way.speed:.3g}"
+        raise Infeasible("limits", message, speed=way.speed, limit=least)
     start = min(way.speed, math.sqrt(high[0]))
     slowest, fastest = (extreme_profile(track, low, high, ceiling, start, fast) for fast in (False, True))
     slowest[slowest < STANDSTILL * fastest.max()] = 0.0

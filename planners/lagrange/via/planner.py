@@ -110,33 +110,32 @@ def _require_sensible(problem: MotionProblem, options: Mapping[str, float]) -> N
 
 
 def _late(problem: MotionProblem, soonest: float) -> Infeasible:
-    return Infeasible(
-        "late",
-        f"no motion to the target found that takes {problem.horizon:.4g} s or less; {soonest:.4g} s is the least",
-        minimum_time=soonest,
-    )
+    message = f"no motion found takes {problem.horizon:.4g} s or less; {soonest:.4g} s is the least"
+    return Infeasible("late", message, minimum_time=soonest)
 
 
 def _situation(problem: MotionProblem) -> Situation:
     arm, limits = problem.loaded_arm, problem.joint_limits
-    coupling, weight = arm.chain_constants
     discs = [(*obstacle.position, *obstacle.velocity, obstacle.radius) for obstacle in problem.obstacles]
     q, qd, _ = problem.start
+    coupling, weight = arm.chain_constants
+    kinds = ("torque", "velocity", "acceleration", "jerk", "angle")
+    torque, velocity, acceleration, jerk, angle = (np.array(getattr(limits, kind)) for kind in kinds)
     return Situation(
-        lengths=arm.length_array,
-        base=arm.base_array,
-        link_radius=arm.link_radius,
-        coupling=coupling,
-        weight=weight,
-        torque=np.array(limits.torque),
-        velocity=np.array(limits.velocity),
-        acceleration=np.array(limits.acceleration),
-        jerk=np.array(limits.jerk),
-        angle=np.array(limits.angle),
-        q=q.copy(),
-        qd=qd.copy(),
-        discs=np.array(discs).reshape(-1, 5),
-        horizon=problem.horizon,
+        arm.length_array,
+        arm.base_array,
+        arm.link_radius,
+        coupling,
+        weight,
+        torque,
+        velocity,
+        acceleration,
+        jerk,
+        angle,
+        q.copy(),
+        qd.copy(),
+        np.array(discs).reshape(-1, 5),
+        problem.horizon,
     )
 
 
