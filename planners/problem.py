@@ -36,9 +36,9 @@ class Infeasible(ValueError):
 def limit_broken(reason: str, what: str, ratios: Array, kinds: Sequence[str]) -> Infeasible:
     """The refusal that names the worst of ``ratios`` to the limits, ``(kinds, n)``: "joint 2 starts at 3 times ..."."""
     kind, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
-    ratio = float(ratios[kind, joint])
-    message = f"joint {joint + 1} {what} {ratio:.4g} times its {kinds[kind]} limit"
-    return Infeasible(reason, message, joint=int(joint), kind=kinds[kind], ratio=ratio)
+    ratio, name = float(ratios[kind, joint]), kinds[int(kind)]
+    message = f"joint {joint + 1} {what} {ratio:.4g} times its {name} limit"
+    return Infeasible(reason, message, joint=int(joint), kind=name, ratio=ratio)
 
 
 @dataclass(frozen=True)
