@@ -1,4 +1,4 @@
-"""The picture of `planarm curves`: a panel a metric; a thin line a seed, their median, the band between extremes."""
+"""The picture of `planarm curves`: a panel for each metric, with a line for each seed, their median and their range."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _COLORS: tuple[Color, ...] = (
     (200, 60, 120),
 )
 GROUPS_AT_MOST = len(_COLORS)
-"""Groups that a picture has colours for."""
+"""Largest number of groups, one colour each."""
 _WIDE = 20.0
 """Range of values above which an axis becomes logarithmic beyond 1."""
 _AGAINST = {"seconds": "seconds of training, warm start included", "steps": "control steps after the warm start"}
 
 
 def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric], against: str) -> Figure:
-    """Learning curves of groups of runs, with what the best expert reaches as a dashed line.
+    """Learning curves of groups of runs, with the best expert's value as a dashed line.
 
     Args:
         groups: runs by label, one a seed.
@@ -45,7 +45,7 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
         against: the column of metrics.csv to draw them against: ``seconds`` or ``steps``.
 
     Raises:
-        ValueError: if there are more groups than can be told apart.
+        ValueError: if there are more groups than colours.
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
     """
     if len(groups) > GROUPS_AT_MOST:
@@ -60,7 +60,7 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
         _finish(axes, metric, against)
         if any(np.isinf(curve.columns[metric.key]).any() for curve in everything):
             axes.set_title(f"{metric.title}; gaps: never", fontsize=10)
-    text = f"{everything[0].config.env}. Thin: each seed; thick: their median; shaded: from the least to the greatest."
+    text = f"{everything[0].config.env}. Thin: each seed; thick: their median; shaded: from minimum to maximum."
     sheet.suptitle(text, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()
     sheet.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
@@ -68,11 +68,10 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
 
 
 def median_curve(curves: Sequence[Curve], key: str, against: str) -> tuple[Array, Array, Array, Array]:
-    """Abscissae, then median, least and greatest over seeds, ``(points,)`` each, as far as every seed has come.
+    """Abscissae, then median, minimum and maximum over seeds, ``(points,)`` each, up to the shortest run.
 
-    Seeds are put together at the same number of steps, where the abscissa is their median too: of two seeds on machines
-    of different speed the same part of the training counts. Between its checkpoints a seed's curve is straight; next to
-    a checkpoint that is never, it is never.
+    Seeds are combined at equal numbers of steps, and the abscissa is the median of theirs, so that the speeds of their
+    machines do not matter. A seed's curve is linear between its checkpoints, and infinite beside one that is infinite.
     """
     steps = [curve.columns["steps"] for curve in curves]
     last = min(own[-1] for own in steps)
@@ -99,7 +98,7 @@ def _draw_group(axes: Axes, label: str, curves: Sequence[Curve], metric: Metric,
 
 
 def _draw_experts(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
-    """A dashed line for each value of a best expert; runs that are evaluated on the same episodes share it."""
+    """A dashed line for each value of a best expert; runs evaluated on the same episodes share one."""
     ink = rgb(palette.INK)
     levels = {(curve.expert, metric.factor * float(curve.columns[f"expert_{metric.key}"][-1])) for curve in curves}
     names = " or ".join(sorted({name for name, _ in levels}))

@@ -21,7 +21,7 @@ _NEEDS = {".gif": ("PIL", "viz"), ".png": ("PIL", "viz"), ".mp4": ("imageio_ffmp
 
 
 def require_recordable(path: Path, *, fps: int, width: int) -> None:
-    """Raise, before an episode is run for nothing, if it could not be written.
+    """Raise, before the episode is run, if it could not be written.
 
     Raises:
         ValueError: for an unknown file format, or a frame rate or width that makes no film.
@@ -38,7 +38,7 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
 
 
 class Film:
-    """Frames of an episode, thinned to a frame rate and scaled to a width as they are taken.
+    """Frames of an episode, sampled at a frame rate and scaled to a width.
 
     Args:
         fps: frames a second.
@@ -55,7 +55,7 @@ class Film:
             self._frames.append(self._scaled(render()))
 
     def write(self, path: Path) -> None:
-        """Write the frames, whole or not at all, in the format of the suffix."""
+        """Write the frames atomically, in the format of the suffix."""
         writers = {".gif": self._write_gif, ".png": self._write_png, ".mp4": self._write_mp4}
         with whole_file(path) as draft:
             writers[path.suffix.lower()](draft)
@@ -71,7 +71,7 @@ class Film:
     def _write_gif(self, path: Path) -> None:
         from PIL import Image
 
-        # One palette for all frames keeps colours from flickering; it must know those of the beginning and the end.
+        # One palette for all frames, from the first, middle and last one, keeps colours from flickering.
         shown = [self._frames[0], self._frames[len(self._frames) // 2], self._frames[-1]]
         width, height = shown[0].size
         sheet = Image.new("RGB", (width, height * len(shown)))

@@ -1,4 +1,4 @@
-"""Drawings of `planarm paths`: arm, target and discs at several instants, one panel a policy, and a curve over time."""
+"""The picture of `planarm paths`: arm, target and discs at several instants for each policy, and a curve over time."""
 
 from __future__ import annotations
 

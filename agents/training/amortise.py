@@ -25,11 +25,11 @@ from planners.typing import Array
 
 _N_ENVS = 1024
 _SAMPLES = 40
-"""Instants at which the torques of a motion are added up, denser towards its ends, where torque is spent."""
+"""Instants at which the torques of a motion are sampled, denser towards its ends, where torques are large."""
 _TORQUE_ROOM, _RANGE_ROOM = 0.07, 0.02
-"""Shares of the limits that are left to the tracking controller."""
-_TORQUE_PRICES, _RANGE_PRICE = (2.0, 20.0), 20.0
-"""Of the largest excess of a torque limit and of its square, and of a joint range's, in quintic's efforts."""
+"""Shares of the limits reserved for the tracking controller."""
+_TORQUE_PENALTIES, _RANGE_PENALTY = (2.0, 20.0), 20.0
+"""Weights of the largest excess over a torque limit and of its square, and of that over a joint range."""
 _LINES = 20
 
 
@@ -55,24 +55,24 @@ class MoveCost:
         self._ranges = _tensor((1.0 - _RANGE_ROOM) * np.array(limits.angle))
 
     def __call__(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        """Effort over that of the quintic, and a price for what exceeds the limits, ``(moves,)``.
+        """Effort over that of the quintic, plus a penalty for exceeding the limits, ``(moves,)``.
 
         Args:
             observations: at the start of an episode, ``(moves, size)``.
             actions: of control mode "motion", ``(moves, 3 SHAPES)``.
         """
-        seen = {entry.name: observations[:, place] * entry.scale for entry, place in self._layout.slices()}
-        duration = seen["time_left"][:, :, None]
-        change = seen["goal_error"]
+        entries = {entry.name: observations[:, place] * entry.scale for entry, place in self._layout.slices()}
+        duration = entries["time_left"][:, :, None]
+        change = entries["goal_error"]
         bend = actions.reshape(len(actions), -1, SHAPES)
         q, qd, qdd = (self._curve(change, bend, order) for order in range(3))
-        q = q + seen["joint_position"][:, None, :]
+        q = q + entries["joint_position"][:, None, :]
         torque = self._torque(q, qd / duration, qdd / duration**2)
-        effort = (torque.abs() * self._weights).sum((1, 2)) / seen["quintic_torque"][:, 0]
+        effort = (torque.abs() * self._weights).sum((1, 2)) / entries["quintic_torque"][:, 0]
         excess = torch.relu(torque.abs() / self._torques - 1.0).amax((1, 2))
         outside = torch.relu(q.abs() / self._ranges - 1.0).amax((1, 2))
-        linear, square = _TORQUE_PRICES
-        return effort + linear * excess + square * excess**2 + _RANGE_PRICE * outside
+        linear, square = _TORQUE_PENALTIES
+        return effort + linear * excess + square * excess**2 + _RANGE_PENALTY * outside
 
     def _curve(self, change: torch.Tensor, bend: torch.Tensor, order: int) -> torch.Tensor:
         """A derivative of the motions by the share of the duration, ``(moves, samples, joints)``."""

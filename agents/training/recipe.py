@@ -122,6 +122,6 @@ class TrainingConfig(Settings):
             changes: ``key=value``; dots lead into nested settings, values are YAML.
 
         Raises:
-            ValueError: for what is no such assignment, an unknown key or an impossible value.
+            ValueError: for anything but ``key=value``, an unknown key or an impossible value.
         """
         return self.parse(assigned(self.model_dump(), changes), "training setting")

@@ -61,8 +61,8 @@ def mass_estimate(rows: Sequence[PayloadRow]) -> Fact:
     first = max(abs(row.first.mass_estimate / row.mass - 1.0) for row in own)
     swing = max(row.last.mass_error / row.mass for row in own)
     return Fact(
-        f"{DEFAULT.title}: after one cycle the mass is known within {_percent(first)} (wanted: 1 %); in the last it is "
-        f"never farther off than {_percent(swing)}.",
+        f"{DEFAULT.title}: after one cycle the mass is estimated within {_percent(first)} (wanted: 1 %); in the last "
+        f"it is never farther off than {_percent(swing)}.",
         {"after_first_cycle": first, "worst_in_last": swing},
     )
 
