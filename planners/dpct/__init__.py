@@ -4,13 +4,12 @@ A hand meets a part on a moving conveyor and rides with it, within limits of joi
 jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Manipulator for Conveyor Tracking".
 
 - ``variant="optimal"`` (:mod:`planners.dpct.optimal`), the default: earliest rendezvous, then least tracking index,
-exact in
-  time and checked on a dense grid.
+  exact in time and checked on a dense grid.
 - ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
 - ``variant="torque"`` (:mod:`planners.dpct.torque.planner`): to rest at a fixed target exactly at the horizon, with the
   least torque on the straight way there; limits of jerk are not kept.
-- ``variant="timing"`` (:mod:`planners.dpct.timing.planner`): to rest at a fixed target past moving discs, by when to
-  be where on a straight way; limits of jerk are not kept.
+- ``variant="timing"`` (:mod:`planners.dpct.timing.planner`): to rest at a fixed target past moving discs, by the
+  timing of a straight way; limits of jerk are not kept.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The search for the rendezvous time: what the compiled solver is asked, from which guesses, and what if it fails."""
+"""The search for the rendezvous time: weights and first guesses of the compiled solver, and bisection if it fails."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ SHORT_ENDS = (0.1, 0.5)
 and a jump costs half a stage."""
 
 SHORTEST = 0.01
-"""Least rendezvous time looked for, s, where the hand does not ride with the target from the start: less is no longer
-told from rounding by whoever interpolates the samples."""
+"""Least rendezvous time looked for, s, where the hand does not ride with the target from the start: below this,
+times are within interpolation error."""
 
 SECOND = 1e-2
 """Weight of the tracking index against the rendezvous time where the time comes first."""

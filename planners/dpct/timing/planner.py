@@ -1,4 +1,4 @@
-"""DPCT as a dodger: to a fixed target past discs that move, by when to be where on a straight way.
+"""DPCT past moving discs: the timing of a straight way to a fixed target.
 
 The dynamic program of "Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee and M. S.
 Ko) over the place on a way and the speed there (eq 9-12), with time itself as the stage, so that a disc of which the
@@ -8,7 +8,7 @@ K. Kant and S. W. Zucker, "Toward Efficient Trajectory Planning: The Path-Veloci
 The ways are the straight lines in joint space to every posture of the target. Where a disc is in the way of these,
 straight lines aside are looked at too, from the end of which the arm then goes to the target.
 
-Meant to be asked again every 0.1 s or so, from wherever the arm is by then, with what the discs have done meanwhile.
+Meant for replanning every 0.1 s or so from the arm's present state and the observed discs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The dodging Lagrange planner: past moving discs to a fixed target, by via-nodes.
 
-It is made to be asked again every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the state the arm is
-in, and ends at rest, so that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
+Made for replanning every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the arm's present state, and ends
+at rest, so that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
 of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (eq 8, 9)
 on six Chebyshev-Lobatto nodes with the velocities of both ends met. As in the paper, angles at the inner nodes are
 found by direct search; here the cost counts time and closeness to the discs besides torque, and the duration is free.
