@@ -61,21 +61,25 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
     shared = model[0]
     for index in range(first, last):
         env = batch[index]
+        # What the period is compared with.
         progress_before = _progress(env, shared)
         settled_before = env.settled_steps
         cost_rate_before = _lq_cost_rate(env)
+        # Physics of arm and belt.
         _set_belt_moving(env, shared)
         worst_ratio = apply_action(env, shared, env.action)
         _read_part(env, shared)
         hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
         _measure_errors(env)
         env.step += 1
+        # Measures: J of eq 18 by the trapezoidal rule, settled periods, steady-state error.
         env.lq_cost += 0.5 * shared.control_period * (cost_rate_before + _lq_cost_rate(env))
         env.settled_steps = env.settled_steps + 1 if _error_in_tolerances(env, shared) <= 1.0 else 0
         if env.step > shared.horizon_steps - shared.hold_steps:
             env.steady_state_error = max(env.steady_state_error, env.error)
         env.success = env.settled_steps >= shared.hold_steps
         env.truncated = env.step >= shared.horizon_steps
+        # Reward and observation.
         env.reward_terms[0] = _progress(env, shared) - progress_before
         env.reward_terms[1] = (env.settled_steps - settled_before) / shared.horizon_steps
         env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)

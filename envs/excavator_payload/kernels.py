@@ -93,19 +93,23 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
     shared = model[0]
     for index in range(first, last):
         env = batch[index]
+        # Pick up or drop the payload.
         if env.step == env.drop_step or (env.step == env.pick_step and env.step > 0):
             _hold(env, env.step == env.pick_step)
             change_load(env, shared)
             env.judged_after = max(env.judged_after, env.step + shared.settling_steps)
+        # Physics under the torques of the action.
         change = _command(env, shared)
         advance_links(env, shared)
         finish_period(env, shared)
         env.step += 1
+        # Measures: torque, observed error integral, tip error.
         for i in range(N_JOINTS):
             env.torque_l1 += shared.control_period * abs(env.tau[i])
             env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
         _measure(env, shared)
         _judge(env)
+        # End of the episode, reward and observation.
         env.terminated = _ran_away(env)
         env.truncated = env.step >= shared.horizon_steps and not env.terminated
         env.success = env.truncated and _within(env, shared)

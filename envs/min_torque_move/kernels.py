@@ -63,11 +63,13 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
     shared = model[0]
     for index in range(first, last):
         env = batch[index]
+        # Physics under the torques of the action, or of the motion it has chosen.
         if shared.whole_motion:
             worst_ratio = apply_action(env, shared, _follow_motion(env, shared))
         else:
             worst_ratio = apply_action(env, shared, env.action)
         env.step += 1
+        # Measures: PI1 and PI2, the integrals of the absolute and squared torques.
         spent = 0.0
         for torque in env.tau:
             spent += abs(torque) * shared.control_period
@@ -77,6 +79,7 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
         env.terminated = env.step >= env.duration_steps
         miss = max(env.angle_error / shared.angle_tolerance, env.velocity_error / shared.velocity_tolerance)
         env.success = env.terminated and miss <= 1.0
+        # Reward and observation.
         env.reward_terms[0] = -spent / env.quintic_l1
         env.reward_terms[1] = 0.0 - shared.miss_penalty * _miss_cost(miss) if env.terminated else 0.0
         env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
@@ -88,6 +91,7 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
 def _follow_motion(env: Any, shared: Any) -> Array:
     """Shares of the torque limits that track the motion chosen by the first action of the episode."""
     n, period = env.q.shape[0], shared.control_period
+    # The first action holds the coefficients.
     if env.step == 0:
         for i in range(n):
             for k in range(SHAPES):
@@ -96,6 +100,7 @@ def _follow_motion(env: Any, shared: Any) -> Array:
     q, qd, q_ahead, qd_ahead = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     rest_curve_single(env.shape, env.start, env.goal, duration, now, q, qd)
     rest_curve_single(env.shape, env.start, env.goal, duration, now + period, q_ahead, qd_ahead)
+    # Computed torque: the mean acceleration of the motion over the period, and feedback.
     qdd, torque = np.empty(n), np.empty(n)
     for i in range(n):
         feedback = shared.position_gain * (q[i] - env.q[i]) + shared.velocity_gain * (qd[i] - env.qd[i])

@@ -62,16 +62,19 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
     shared = model[0]
     for index in range(first, last):
         env = batch[index]
+        # Physics of the arm among the moving discs.
         command(env, shared, env.action)
         env.disc_velocities_before[:] = env.disc_velocities
         closest = _move_among_discs(env, shared)
         worst_ratio = finish_period(env, shared)
         env.step += 1
+        # Measures: clearance, distance to the goal, periods at the goal.
         env.min_clearance = min(env.min_clearance, closest)
         distance_before = env.distance
         hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
         env.distance = _goal_distance(env)
         env.held_steps = env.held_steps + 1 if env.distance <= shared.tolerance else 0
+        # End of the episode, reward and observation.
         env.collision = closest < 0.0
         env.success = not env.collision and env.held_steps >= shared.hold_steps
         env.terminated = env.collision or env.success
