@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -73,4 +74,4 @@ def _estimate(values: ArrayLike, statistic: Callable[..., Any], *, bootstrap: bo
             rng=np.random.default_rng(_SEED),
         )
         ends[1:] = float(result.confidence_interval.low), float(result.confidence_interval.high)
-    return Estimate(*(np.copysign(np.inf, end) if abs(end) > 1e3 * (1.0 + largest) else end for end in ends))
+    return Estimate(*(math.copysign(math.inf, end) if abs(end) > 1e3 * (1.0 + largest) else end for end in ends))
