@@ -67,6 +67,11 @@ def test_training_records_the_mean_return_and_no_nested_metric() -> None:
     }
 
 
+def test_values_are_plain_floats_which_a_checkpoint_can_hold() -> None:
+    never = replace(EVALUATION, metrics={**METRICS, "time_to_goal": np.full(4, np.inf)})
+    assert {type(value) for value in values_of(training_scores(never)).values()} == {float}
+
+
 def test_cells_are_shares_or_in_the_unit_of_the_column() -> None:
     collided, soon, _ = card_of("ObstacleDodge-v0").metrics
     estimates = summarise(EVALUATION, bootstrap=False)
