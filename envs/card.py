@@ -122,22 +122,20 @@ def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
 
     Args:
         env_id: the Gymnasium id, such as ``"Swing-v0"``; the task's own `env_id`.
-        task: the `Task` class. As ``"module:Name"`` it is not imported before it is made, and the classes
-            ``NameEnv`` and ``NameVectorEnv`` beside it are the environments.
+        task: the `Task` class. As ``"module:Name"`` it is not imported before it is made, and the class ``NameEnv``
+            beside it is the single environment.
         card: its card, or ``"module:NAME"`` of it.
 
     Raises:
         ValueError: if the class has another `env_id`.
     """
+    if not isinstance(task, str) and task.env_id != env_id:
+        raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
+    single, vector = "envs.environment:PlanarArmEnv", "envs.environment:PlanarArmVectorEnv"
     if isinstance(task, str):
-        single, vector, settings = f"{task}Env", f"{task}VectorEnv", {}
-    else:
-        if task.env_id != env_id:
-            raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
-        single, vector = "envs.environment:PlanarArmEnv", "envs.environment:PlanarArmVectorEnv"
-        settings = {"task_type": task}
+        single = f"{task}Env"
     if env_id not in gym.registry:
-        gym.register(env_id, entry_point=single, vector_entry_point=vector, kwargs=settings)
+        gym.register(env_id, entry_point=single, vector_entry_point=vector, kwargs={"task_type": task})
     _CARDS[env_id] = card
 
 
@@ -158,6 +156,11 @@ def task_card(env_id: str) -> TaskCard:
         refuse_unknown([env_id], _CARDS, "environment")
     card = _CARDS[env_id]
     if isinstance(card, str):
-        module, _, name = card.partition(":")
-        card = _CARDS[env_id] = getattr(import_module(module), name)
+        card = _CARDS[env_id] = load(card)
     return card
+
+
+def load(place: str) -> Any:
+    """Import what ``"module:name"`` names."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from inspect import cleandoc
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -12,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from envs.card import load
 from envs.observation import Observation
 from envs.rendering import Renderer
 from envs.settings import refuse_unknown
@@ -22,25 +24,57 @@ from planners.typing import Array
 Frame = NDArray[np.uint8]
 Info = dict[str, Any]
 
+_DECLARED = """{text}
+
+## Observation
+Each element is a physical value divided by a fixed scale, clipped at the bound.
+
+{layout}
+
+## Info
+| Key | When | Meaning |
+|---|---|---|
+| `is_success` | always | whether the task is solved |
+| `reward_terms` | always | the terms of the reward |
+{outcomes}
+| `limit_ratio` | at the end | worst value / limit of all kinds |
+| `limit_ratios` | at the end | worst value / limit of each kind |
+
+## Arguments
+{settings}
+"""
+
 
 class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     """One environment of a task as a Gymnasium environment.
 
-    Pickling keeps the arguments, not the current episode.
+    Pickling keeps the arguments, not the current episode. The docstring of a subclass with a `task_type` gets tables of
+    the observation, the info and the settings that the task declares.
 
     Args:
         render_mode: ``"human"``, ``"rgb_array"`` or None.
-        task_type: the `Task` class; by default the class attribute of this name.
+        task_type: the `Task` class, or ``"module:Name"`` of it; by default the class attribute of this name.
         config: fields of the task's configuration.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # type: ignore[misc]
     task_type: ClassVar[type[Any]]
 
-    def __init__(self, render_mode: str | None = None, *, task_type: type[Any] | None = None, **config: Any) -> None:
+    def __init_subclass__(cls) -> None:
+        task: Any = cls.task_type
+        outcomes = [f"| `{key}` | at the end | {meaning} |" for key, meaning in task.outcomes.items()]
+        cls.__doc__ = _DECLARED.format(
+            text=cleandoc(cls.__doc__ or ""),
+            layout=task.layout.table(),
+            outcomes="\n".join(outcomes),
+            settings=task.config_type.table(),
+        )
+
+    def __init__(
+        self, render_mode: str | None = None, *, task_type: type[Any] | str | None = None, **config: Any
+    ) -> None:
         EzPickle.__init__(self, render_mode, task_type=task_type, **config)
-        refuse_unknown([render_mode] if render_mode else [], self.metadata["render_modes"], "render mode")
-        self.task: Task = (task_type or self.task_type).make(config, 1)
+        self.task: Task = _make_task(task_type or self.task_type, config, 1, render_mode, self.metadata)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
@@ -111,7 +145,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         num_envs: number of environments.
         render_mode: ``"rgb_array"`` or None.
         max_episode_steps: truncate every episode after so many steps, if that is before the task's horizon.
-        task_type: the `Task` class; by default the class attribute of this name.
+        task_type: the `Task` class, or ``"module:Name"`` of it.
         config: fields of the task's configuration.
     """
 
@@ -120,7 +154,6 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         "render_fps": 50,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
-    task_type: ClassVar[type[Any]]
 
     def __init__(
         self,
@@ -128,16 +161,13 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
         *,
-        task_type: type[Any] | None = None,
+        task_type: type[Any] | str,
         **config: Any,
     ) -> None:
         EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
         if num_envs < 1:
             raise ValueError(f"num_envs {num_envs} must be at least 1")
-        refuse_unknown(
-            [render_mode] if render_mode else [], self.metadata["render_modes"], "render mode of a vector environment"
-        )
-        self.task: Task = (task_type or self.task_type).make(config, num_envs)
+        self.task: Task = _make_task(task_type, config, num_envs, render_mode, self.metadata)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.num_envs = num_envs
         self.render_mode = render_mode
@@ -255,6 +285,16 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             final = self._add_info(final, info, env_index)
         observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
         return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
+
+
+def _make_task(
+    task_type: type[Any] | str, config: Info, num_envs: int, render_mode: str | None, metadata: Info
+) -> Task:
+    """The task of an environment, whose render mode has to be one of those in its metadata."""
+    refuse_unknown([render_mode] if render_mode else [], metadata["render_modes"], "render mode")
+    kind: Any = load(task_type) if isinstance(task_type, str) else task_type
+    task: Task = kind.make(config, num_envs)
+    return task
 
 
 class _Camera:

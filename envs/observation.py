@@ -77,7 +77,7 @@ class Layout:
             yield entry, slice(begin, begin + entry.size)
             begin += entry.size
 
-    def space(self) -> gym.spaces.Box:
+    def space(self) -> gym.Space[Observation]:
         """The observation space."""
         bounds = self.bounds.astype(np.float32)
         return gym.spaces.Box(-bounds, bounds, dtype=np.float32)

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import gymnasium as gym
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from pydantic import Field
 
 from envs.observation import Layout, Observation
@@ -80,6 +81,7 @@ class Task(ABC):
         kernels: module with the two kernels.
         layout: entries of an observation.
         reward_terms: names of the terms whose sum is the reward.
+        outcomes: meaning of each key that `outcome` gives, with its unit.
         gauges: kinds of limit that a frame shows.
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
         arm: the robot as a policy knows it, without its payload.
@@ -93,6 +95,7 @@ class Task(ABC):
     kernels: ClassVar[Any]
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
+    outcomes: ClassVar[Mapping[str, str]] = {}
     gauges: ClassVar[tuple[str, ...]]
     view: ClassVar[tuple[float, float, float, float]]
 
@@ -259,7 +262,7 @@ class Task(ABC):
         """Frames a second of a film that shows every control period."""
         return round(1.0 / self.config.control_period)
 
-    def action_space(self) -> gym.spaces.Box:
+    def action_space(self) -> gym.Space[NDArray[np.float32]]:
         """The action space of one environment: numbers in [-1, 1]."""
         return gym.spaces.Box(-1.0, 1.0, self.batch["action"].shape[1:], np.float32)
 

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from envs.conveyor_track import kernels
 from envs.conveyor_track.starts import PAPER_START, Demands, Start, draw_starts, require_solvable
-from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.environment import PlanarArmEnv
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.rendering import Belt
@@ -84,6 +84,12 @@ class ConveyorTrack(Task):
     kernels: ClassVar[Any] = kernels
     layout = LAYOUT
     reward_terms = ("progress", "settling", "limits")
+    outcomes: ClassVar = {
+        "settling_time": "time from which on both errors stay within tolerance, s; inf if they do not",
+        "steady_state_error": "largest position error over the last `hold_time`, m",
+        "lq_cost": "J of eq 18, lengths in units of the paper's 0.5 m path",
+        "peak_torque": "largest torque of either joint, N m",
+    }
     gauges = ("velocity", "acceleration", "jerk")
     view = (-1.5, 1.3, -0.25, 2.1)
     config: ConveyorTrackConfig
@@ -154,8 +160,8 @@ class ConveyorTrack(Task):
         }
 
 
-class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Bring the hand of a two-link SCARA arm to a part on a conveyor belt, and follow it.
+class ConveyorTrackEnv(PlanarArmEnv):
+    """Bring the hand of a two-link SCARA arm to a part on a conveyor belt, and follow it.
 
     From T. H. Park, B. H. Lee and M. S. Ko, "Motion planning of a robot manipulator for conveyor tracking".
     The arm (`planners.SCARA_1M`: two 1 m, 1 kg rods) moves in the horizontal plane and starts at rest with its hand
@@ -168,13 +174,8 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators keep the
     torque limits in every mode.
 
-    ## Observation
-    Each element is a physical value divided by a fixed scale, clipped at the bound.
-
-{LAYOUT.table()}
-
     ## Reward
-    The sum of three terms, which `info["reward_terms"]` holds:
+    The sum of three terms:
 
     * `progress`: increase of -log(error) / log(1000), where error is the larger of position and velocity error in
       units of its tolerance, clipped to [1, 1000]. Its sum over an episode is the improvement from start to end.
@@ -188,7 +189,7 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     higher return.
 
     ## Start
-    `reset(options={{"scenario": "paper"}})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
+    `reset(options={"scenario": "paper"})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
     0.2 m/s. Otherwise belt speed, D, line height, hand position and elbow are drawn from cells of a grid whose
     corners DPCT has solved within 97 % of all limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
     `line_height`, `hand_x` and `elbow` fix any of these; a start that DPCT cannot solve is refused with its reason.
@@ -196,30 +197,6 @@ class ConveyorTrackEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     ## End
     Truncated after `horizon` (3 s). Never terminated. Success: position error at most 1 mm and velocity error at most
     2 mm/s over the last 0.5 s.
-
-    ## Info
-    | Key | When | Meaning |
-    |---|---|---|
-    | `is_success` | always | settled for at least `hold_time` up to now |
-    | `reward_terms` | always | the three terms |
-    | `settling_time` | at the end | time from which on both errors stay within tolerance, s; inf if they do not |
-    | `steady_state_error` | at the end | largest position error over the last `hold_time`, m |
-    | `lq_cost` | at the end | J of eq 18, lengths in units of the paper's 0.5 m path |
-    | `peak_torque` | at the end | largest torque of either joint, N m |
-    | `limit_ratio` | at the end | worst value / limit of all kinds |
-    | `limit_ratios` | at the end | worst value / limit of each kind |
-
-    ## Arguments
-{ConveyorTrackConfig.table()}
-
-    ## Version history
-    * v0: first version.
     """
-
-    task_type = ConveyorTrack
-
-
-class ConveyorTrackVectorEnv(PlanarArmVectorEnv):
-    """ConveyorTrack-v0 over a batch of environments; `ConveyorTrackEnv` documents the task."""
 
     task_type = ConveyorTrack

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, NonNegativeFloat, ValidationInfo, field_validator
 
-from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.environment import PlanarArmEnv
 from envs.excavator_payload import kernels, reference, world
 from envs.excavator_payload.hidden import Hidden, HiddenDraw
 from envs.excavator_payload.reference import Waypoints
@@ -129,6 +129,17 @@ class ExcavatorPayload(Task):
     kernels: ClassVar[Any] = kernels
     layout = LAYOUT
     reward_terms = ("tracking", "smoothness", "failure")
+    outcomes: ClassVar = {
+        "success_easy": "whether the errors were within twice the tolerances",
+        "tip_rms": "root mean square of the tip error when judged, m; inf after a failure, like the next three",
+        "tip_max": "largest tip error when judged, m",
+        "joint_rms": "root mean square of the joints' errors when judged, rad",
+        "waypoint_error": "largest distance of the tip from a waypoint when it was due, when judged, m",
+        "payload_mass": "the payload, kg",
+        "friction_scale": "the factor on the friction",
+        "torque_l1": "integral of the summed absolute commanded torques, N m s",
+        "peak_torque": "largest commanded torque of any joint, N m",
+    }
     gauges = ("velocity",)
     view = (-0.7, 4.3, -1.6, 3.6)
     config: ExcavatorPayloadConfig
@@ -249,8 +260,8 @@ class ExcavatorPayload(Task):
         return reference.work_cycle(self.model, self.config.horizon) if options.scenario == "cycle" else None
 
 
-class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Track a motion with boom, arm and bucket of an excavator that holds an unknown payload.
+class ExcavatorPayloadEnv(PlanarArmEnv):
+    """Track a motion with boom, arm and bucket of an excavator that holds an unknown payload.
 
     After "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator". The
     machine is the attachment of `planners.excavator` in its vertical plane: boom 2.45 m, arm 1.40 m, bucket with its
@@ -269,26 +280,21 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
     * `"residual"`: shares of 18, 8.8 and 3 kN m, added to the torque of Slotine and Li's controller for the empty
       bucket, without adaptation (`planners.control.SlotineLi`); the sum is clipped at the limits.
 
-    ## Observation
-    Each element is a physical value divided by a fixed scale, clipped at the bound. Angles and velocities are measured
-    with noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none).
-
-{LAYOUT.table()}
-
-    At the start `last_torque` is the torque that holds the empty machine.
+    ## Measurements
+    Observed angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none). At
+    the start `last_torque` is the torque that holds the empty machine.
 
     ## Reference
     Quintics from rest to rest through waypoints drawn in boom [-10, 55], arm [-110, -40] and bucket [-20, 70] deg. Each
     segment takes 1 to 1.5 times the larger of 1.2 s and the time at 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s);
     it is drawn again where inverse dynamics with 350 kg need more than 85 % of a torque limit. The episode starts at
     rest at the first waypoint.
-    `reset(options={{"scenario": "cycle"}})` repeats the lifting cycle of `planners.excavator.motion.WORK_CYCLE`;
+    `reset(options={"scenario": "cycle"})` repeats the lifting cycle of `planners.excavator.motion.WORK_CYCLE`;
     `waypoints` and `arrival_times` set the motion, and `payload`, `payload_offset` and `friction_scale` the hidden
     quantities. A motion that the machine cannot make with 350 kg is refused with the reason.
 
     ## Reward
-    The sum of three terms, which `info["reward_terms"]` holds. An episode without any error is worth {FULL_REWARD:g},
-    which its steps share equally:
+    The sum of three terms. An episode without any error is worth 10, which its steps share equally:
 
     * `tracking`: a step's share times 1 - error / `reward_distance` (0.1 m), not below 0; the error is the distance of
       the true tip of the bucket from the reference's.
@@ -305,35 +311,6 @@ class ExcavatorPayloadEnv(PlanarArmEnv):  # noqa: D101 (its docstring is compute
     the range of the waypoints. Success: over the last two thirds of the episode (after 4 s) the root mean square of the
     tip error is at most 5 mm, and the largest at most 15 mm. On level 2 the sixth of the episode (2 s) after a change
     of the payload does not count either.
-
-    ## Info
-    | Key | When | Meaning |
-    |---|---|---|
-    | `is_success` | always | whether the episode is over and stayed within both tolerances |
-    | `reward_terms` | always | the three terms |
-    | `success_easy` | at the end | whether it was within twice the tolerances |
-    | `tip_rms` | at the end | root mean square of the tip error when judged, m; inf after a failure, like these: |
-    | `tip_max` | at the end | largest tip error when judged, m |
-    | `joint_rms` | at the end | root mean square of the joints' errors when judged, rad |
-    | `waypoint_error` | at the end | largest distance of the tip from a waypoint when it was due, when judged, m |
-    | `payload_mass` | at the end | the payload, kg |
-    | `friction_scale` | at the end | the factor on the friction |
-    | `torque_l1` | at the end | integral of the summed absolute commanded torques, N m s |
-    | `peak_torque` | at the end | largest commanded torque of any joint, N m |
-    | `limit_ratio` | at the end | worst value / limit of all kinds |
-    | `limit_ratios` | at the end | worst value / limit of each kind |
-
-    ## Arguments
-{ExcavatorPayloadConfig.table()}
-
-    ## Version history
-    * v0: first version.
     """
-
-    task_type = ExcavatorPayload
-
-
-class ExcavatorPayloadVectorEnv(PlanarArmVectorEnv):
-    """ExcavatorPayload-v0 over a batch of environments; `ExcavatorPayloadEnv` documents the task."""
 
     task_type = ExcavatorPayload

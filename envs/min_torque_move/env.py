@@ -10,9 +10,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.environment import PlanarArmEnv
 from envs.min_torque_move import kernels
-from envs.min_torque_move.kernels import SHAPE_SCALE
 from envs.min_torque_move.moves import Move, random_move
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
@@ -89,6 +88,14 @@ class MinTorqueMove(Task):
     kernels: ClassVar[Any] = kernels
     layout = LAYOUT
     reward_terms = ("effort", "goal", "limits")
+    outcomes: ClassVar = {
+        "torque_l1": "PI1, the integral of the summed absolute torques, N m s",
+        "torque_l2": "PI2, the integral of the summed squared torques, N^2 m^2 s",
+        "quintic_ratio": "PI1 over that of the quintic",
+        "angle_error": "largest error of a joint angle, rad",
+        "velocity_error": "largest joint velocity, rad/s",
+        "peak_torque": "largest torque of any joint, N m",
+    }
     gauges = ("angle",)
     view = (-0.95, 0.95, -0.9, 0.9)
     config: MinTorqueMoveConfig
@@ -122,11 +129,8 @@ class MinTorqueMove(Task):
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Torque spent, its ratio to the quintic's, and errors at the end."""
-        names = ("torque_l1", "torque_l2", "angle_error", "velocity_error", "peak_torque")
-        return {
-            **{name: float(record[name]) for name in names},
-            "quintic_ratio": float(record["torque_l1"] / record["quintic_l1"]),
-        }
+        ratio = float(record["torque_l1"] / record["quintic_l1"])
+        return {name: ratio if name == "quintic_ratio" else float(record[name]) for name in self.outcomes}
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """Come to rest at the goal when the time is over, from the observed joint state."""
@@ -179,8 +183,8 @@ class MinTorqueMove(Task):
                 ) from None
 
 
-class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Move a three-link arm from rest to rest in a given time with as little torque as possible.
+class MinTorqueMoveEnv(PlanarArmEnv):
+    """Move a three-link arm from rest to rest in a given time with as little torque as possible.
 
     From L. P. Luo, S. W. Hwang and C. S. Han, "Trajectory planning for torque minimization of robot manipulators using
     the Lagrange interpolation method". The arm (`planners.PLANAR_3R`: 0.2, 0.4 and 0.2 m; 1, 2 and 1 kg) moves in the
@@ -192,18 +196,12 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     Numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
 
     * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
-    * `"motion"`: {SHAPES} coefficients for each joint in turn, in units of {SHAPE_SCALE:g}, {SHAPE_SCALE:g}/2, ...
-      rad, which bend the quintic from start to goal (`planners.motion.time_laws`). The first action of an episode is
-      the whole motion: computed torque tracks it to the end, and later actions are ignored. No expert acts in this
-      mode.
-
-    ## Observation
-    Each element is a physical value divided by a fixed scale, clipped at the bound.
-
-{LAYOUT.table()}
+    * `"motion"`: 14 coefficients for each joint in turn, in units of 5, 5/2, ... rad, which bend the quintic from start
+      to goal (`planners.motion.time_laws`). The first action of an episode is the whole motion: computed torque tracks
+      it to the end, and later actions are ignored. No expert acts in this mode.
 
     ## Reward
-    The sum of three terms, which `info["reward_terms"]` holds:
+    The sum of three terms:
 
     * `effort`: minus the integral of the summed absolute torques over the period, divided by that of a quintic over
       the whole move: an episode's sum is -1 for a move as good as the quintic.
@@ -212,7 +210,7 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     * `limits`: for each control period outside a joint range, minus `limit_penalty` x (1 + excess, at most 2).
 
     ## Start
-    `reset(options={{"scenario": "paper"}})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
+    `reset(options={"scenario": "paper"})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
     goal and duration are drawn, long moves and folded postures among them; the quintic keeps the torque limits and the
     joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these; a move that the planners cannot
     solve is refused with the reason.
@@ -220,32 +218,6 @@ class MinTorqueMoveEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     ## End
     Terminated when the duration is over: the task ends there, and the observation holds the time left.
     Success: every joint within 0.02 rad of the goal and at 0.05 rad/s or less.
-
-    ## Info
-    | Key | When | Meaning |
-    |---|---|---|
-    | `is_success` | always | whether the goal has been reached at the end |
-    | `reward_terms` | always | the three terms |
-    | `torque_l1` | at the end | PI1, the integral of the summed absolute torques, N m s |
-    | `torque_l2` | at the end | PI2, the integral of the summed squared torques, N^2 m^2 s |
-    | `quintic_ratio` | at the end | PI1 over that of the quintic |
-    | `angle_error` | at the end | largest error of a joint angle, rad |
-    | `velocity_error` | at the end | largest joint velocity, rad/s |
-    | `peak_torque` | at the end | largest torque of any joint, N m |
-    | `limit_ratio` | at the end | worst value / limit of all kinds |
-    | `limit_ratios` | at the end | worst value / limit of each kind |
-
-    ## Arguments
-{MinTorqueMoveConfig.table()}
-
-    ## Version history
-    * v0: first version.
     """
-
-    task_type = MinTorqueMove
-
-
-class MinTorqueMoveVectorEnv(PlanarArmVectorEnv):
-    """MinTorqueMove-v0 over a batch of environments; `MinTorqueMoveEnv` documents the task."""
 
     task_type = MinTorqueMove

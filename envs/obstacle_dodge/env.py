@@ -10,11 +10,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from envs.environment import PlanarArmEnv, PlanarArmVectorEnv
+from envs.environment import PlanarArmEnv
 from envs.observation import Entry, Layout, Observation
 from envs.obstacle_dodge import kernels
-from envs.obstacle_dodge.paths import FARTHEST, FASTEST, NEAREST, PATH_STEP, SLOWEST, SPAWN_CLEARANCE
-from envs.obstacle_dodge.starts import OBSTACLE_RADIUS, PAPER_SCENARIO, DodgeStarts, Episode, ObstacleDodgeOptions
+from envs.obstacle_dodge.paths import PATH_STEP
+from envs.obstacle_dodge.starts import PAPER_SCENARIO, DodgeStarts, Episode, ObstacleDodgeOptions
 from envs.task import LimitSettings, Task
 from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
@@ -44,8 +44,8 @@ class ObstacleDodgeConfig(LimitSettings):
     limit_penalty: float = Field(0.1, ge=0.0)
 
 
-def layout(discs: int) -> Layout:
-    """What an observation of ObstacleDodge-v0 holds."""
+def layout_of(discs: int) -> Layout:
+    """What an observation of ObstacleDodge-v0 holds with so many discs."""
     return Layout(
         (
             Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
@@ -80,13 +80,20 @@ class ObstacleDodge(Task):
     config_type = ObstacleDodgeConfig
     options_type = ObstacleDodgeOptions
     kernels: ClassVar[Any] = kernels
+    layout = layout_of(1)
     reward_terms = ("progress", "goal", "clearance", "collision", "limits")
+    outcomes: ClassVar = {
+        "collision": "whether the arm has touched a disc",
+        "min_clearance": "least distance between the surfaces of arm and disc, m; negative in a collision",
+        "time_to_goal": "time from which on the hand was at the goal, s; inf without success",
+        "goal_distance": "from the hand to the goal, m",
+    }
     gauges = ("velocity", "acceleration")
     view = (-1.42, 1.42, -1.42, 1.42)
     config: ObstacleDodgeConfig
 
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
-        self.layout = layout(config.num_obstacles)
+        self.layout = layout_of(config.num_obstacles)
         samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
         fields = kernels.env_fields(samples, config.num_obstacles)
         super().__init__(config, SCARA_50CM, num_envs, fields, kernels.MODEL_FIELDS)
@@ -162,8 +169,8 @@ class ObstacleDodge(Task):
         }
 
 
-class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
-    __doc__ = f"""Bring the hand to a goal and hold it there while a disc moves at random through the workspace.
+class ObstacleDodgeEnv(PlanarArmEnv):
+    """Bring the hand to a goal and hold it there while a disc moves at random through the workspace.
 
     From T. H. Kim, M. S. Park, S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot". The
     paper protects the hand alone; here no part of the arm may touch a disc. The arm (`planners.SCARA_50CM`: two 0.5 m,
@@ -174,14 +181,10 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
     (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (2.4 rad/s at the end
     of the period, as nearly as the limits allow: all of them hold by construction).
 
-    ## Observation
-    Each element is a physical value divided by a fixed scale, clipped at the bound. The entries of
-    the discs grow with `num_obstacles`.
-
-{layout(1).table()}
+    The observation's entries of the discs, listed below for one, grow with `num_obstacles`.
 
     ## Reward
-    The sum of five terms, which `info["reward_terms"]` holds:
+    The sum of five terms:
 
     * `progress`: decrease of the distance to the goal, as a share of the distance at the start.
     * `goal`: at success 1 plus the time left as a share of the horizon.
@@ -193,41 +196,16 @@ class ObstacleDodgeEnv(PlanarArmEnv):  # noqa: D101 (its docstring is computed)
 
     ## Start
     The posture at rest and the goal are drawn: elbow angles of 0.3 rad or more, the hand 0.4 m or more from its goal,
-    which it can reach on the same side of the elbow. The disc (radius {OBSTACLE_RADIUS:g} m, {SLOWEST:g} to
-    {FASTEST:g} m/s, {NEAREST:g} to {FARTHEST:g} m from the base) begins with {SPAWN_CLEARANCE:g} m or more between it
-    and the arm, and the goal; it moves in legs between waypoints, in straight passes, or wanders, one third each,
-    mostly aimed at where the arm would be if it moved straight to its goal (`envs.obstacle_dodge.paths`). The whole
-    path is drawn at reset: a seed fixes it. `reset(options={{"scenario": "paper"}})` is a fixed crossing, as in the
-    paper's figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`, `obstacle_radius` and `obstacle_paths` fix any
-    of these.
+    which it can reach on the same side of the elbow. The disc (radius 0.1 m, 0.2 to 1 m/s, 0.32 to 1.3 m from the base)
+    begins with 0.3 m or more between it and the arm, and the goal; it moves in legs between waypoints, in straight
+    passes, or wanders, one third each, mostly aimed at where the arm would be if it moved straight to its goal
+    (`envs.obstacle_dodge.paths`). The whole path is drawn at reset: a seed fixes it. `reset(options={"scenario":
+    "paper"})` is a fixed crossing, as in the paper's figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`,
+    `obstacle_radius` and `obstacle_paths` fix any of these.
 
     ## End
     Terminated by a collision: the surfaces of disc and arm touch, measured after every physics step. Terminated by
     success: the hand within 0.03 m of the goal for 0.5 s without a break. Truncated after `horizon` (8 s).
-
-    ## Info
-    | Key | When | Meaning |
-    |---|---|---|
-    | `is_success` | always | whether the goal has been held for the hold time |
-    | `reward_terms` | always | the five terms |
-    | `collision` | at the end | whether the arm has touched a disc |
-    | `min_clearance` | at the end | least distance between the surfaces of arm and disc, m; negative in a collision |
-    | `time_to_goal` | at the end | time from which on the hand was at the goal, s; inf without success |
-    | `goal_distance` | at the end | from the hand to the goal, m |
-    | `limit_ratio` | at the end | worst value / limit of all kinds |
-    | `limit_ratios` | at the end | worst value / limit of each kind |
-
-    ## Arguments
-{ObstacleDodgeConfig.table()}
-
-    ## Version history
-    * v0: first version.
     """
-
-    task_type = ObstacleDodge
-
-
-class ObstacleDodgeVectorEnv(PlanarArmVectorEnv):
-    """ObstacleDodge-v0 over a batch of environments; `ObstacleDodgeEnv` documents the task."""
 
     task_type = ObstacleDodge

@@ -259,7 +259,10 @@ def test_the_kernels_and_the_docstring_have_every_setting(env_id: str) -> None:
     for name, _ in config.record_fields():
         assert model[name] == getattr(config, name)
     assert type(config).table() in type(env).__doc__
-    assert set(env.task.limit_info(0)) <= set(re.findall(r"^    \| `(\w+)`", type(env).__doc__, flags=re.MULTILINE))
+    env.reset(seed=0)
+    info = env.task.step_info(0) | env.task.episode_info(0)
+    assert set(info) == {"is_success", "reward_terms", *env.task.outcomes, "limit_ratio", "limit_ratios"}
+    assert set(info) <= set(re.findall(r"^\| `(\w+)`", type(env).__doc__, flags=re.MULTILINE))
 
 
 @every_env

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import envs  # noqa: F401  (registers the ids)
+from envs.environment import PlanarArmVectorEnv
 
 ENV_ID = "ConveyorTrack-v0"
 
@@ -140,7 +141,5 @@ def test_rendering_gives_a_frame_a_environment() -> None:
     ("arguments", "complaint"), [({"num_envs": 0}, "at least 1"), ({"render_mode": "human"}, "rgb")]
 )
 def test_bad_arguments(arguments: dict[str, Any], complaint: str) -> None:
-    from envs.conveyor_track.env import ConveyorTrackVectorEnv
-
     with pytest.raises(ValueError, match=complaint):
-        ConveyorTrackVectorEnv(**arguments)
+        PlanarArmVectorEnv(task_type="envs.conveyor_track.env:ConveyorTrack", **arguments)
