@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.figures.sheet import new_sheet, rgb
+from agents.figures.sheet import Axes, Figure, new_sheet, rgb
+from agents.training.learning_curves import Curve
+from envs.card import Metric
 from envs.rendering import palette
 from envs.rendering.palette import Color
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from agents.training.learning_curves import Curve
-    from envs.card import Metric
 
 WIDTH, HEIGHT = 10.0, 3.5
 """Of the picture, inches."""
@@ -46,7 +40,6 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
 
     Raises:
         ValueError: if there are more groups than colours.
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
     """
     if len(groups) > GROUPS_AT_MOST:
         raise ValueError(f"{len(groups)} groups; a picture has room for {GROUPS_AT_MOST}: give fewer runs")

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.figures.episode_record import EpisodeRecord
-from agents.figures.sheet import Rgb, new_sheet, rgb
+from agents.figures.sheet import Axes, Figure, Rgb, new_sheet, rgb
 from envs.rendering import palette
 from envs.rendering.palette import Color, mix
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WIDTH = 10.0
 """Of the picture, inches."""
@@ -36,11 +31,7 @@ _BELOW_BELT = 0.3  # m: how much of the arm is shown beside the belt
 
 
 def draw_paths(records: Sequence[EpisodeRecord], start: str) -> Figure:
-    """The picture of the paths that policies take from the same start, which ``start`` names.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
+    """The picture of the paths that policies take from the same start, which ``start`` names."""
     times = np.linspace(0.0, max(record.arrival for record in records), _INSTANTS)
     left, right, bottom, top = _view(records, times)
     columns = 2 if len(records) in (2, 4) else len(records)

@@ -1,15 +1,18 @@
-"""A sheet: a matplotlib figure made without pyplot, the names of its axes, and the image file it becomes."""
+"""Matplotlib figures made without pyplot: their types, axes and image files. All figures begin with `new_sheet`."""
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from envs.rendering.palette import Color
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+    from matplotlib.figure import SubFigure as SubFigure
+else:  # matplotlib is optional
+    Axes = Figure = SubFigure = Any
 
 Rgb = tuple[float, ...]
 
@@ -18,7 +21,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def new_sheet(width: float, height: float) -> Figure:
-    """An empty sheet for panels, inches.
+    """An empty figure, inches.
 
     Raises:
         ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
@@ -38,13 +41,7 @@ def name_axes(axes: Axes, title: str, x: str, y: str) -> None:
 
 
 def image_bytes(sheet: Figure, suffix: str, dpi: int, *, colors: int | None = None) -> bytes:
-    """A sheet as an image file.
-
-    Args:
-        sheet: what to write.
-        suffix: of the file, which decides the format: one of ``FORMATS``.
-        dpi: resolution, dots per inch.
-        colors: reduce a PNG to a palette of this many colours, which makes the file small.
+    """A figure as a file of one of ``FORMATS``; ``colors`` reduces a PNG to so many, which makes the file small.
 
     Raises:
         ValueError: if matplotlib does not know the file format.

@@ -10,12 +10,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.figures.sheet import name_axes, new_sheet
-from agents.papers.report import Columns, Report, ReportOptions, joined, publish, tabulate
+from agents.figures.sheet import Figure, name_axes, new_sheet
+from agents.papers.report import Columns, Record, Report, ReportOptions, joined, publish, tabulate
 from agents.tables import Table
 from planners import SCARA_1M, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 from planners.dpct.paper import (
@@ -29,9 +28,6 @@ from planners.dpct.paper import (
     signed_peak,
 )
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BELT_SPEED, HEADWAY, START, HEIGHT, LINE = 0.2, 0.1, -0.8, 1.732, 0.5  # m/s; m: section 5.1 of the paper
 GRIDS = ((30, 50), (50, 100), (100, 200))
@@ -57,39 +53,9 @@ CASES = {
 }
 
 
-@dataclass(frozen=True)
-class PlanRow:
-    """One plan. Times in s, torques in N m (signed, the largest of each joint); None where there is no value."""
-
-    case: int
-    planner: str
-    grid: tuple[int, int] | None
-    published_rendezvous_time: float | None
-    published_peak_torque: tuple[float, float] | None
-    rendezvous_time: float  # t_a, peak torque and J (s) by the planner's clock
-    peak_torque: tuple[float, ...]
-    cost: float
-    real_peak_torque: tuple[float, ...]  # of the motion in real time, as all that follows
-    real_cost: float
-    cost_ratio: float  # real J over the least J of any motion within the case's limits
-    limit_ratios: dict[str, float]  # worst |value| / limit
-    lag: float  # delay of the hand at the end of the line
-
-
-@dataclass(frozen=True)
-class ClockRow:
-    """When the hand must start in a literal plan, by the planner's clock and in real time, s; below 0: before t_0."""
-
-    headway: float  # D, m
-    case: int
-    own_start: float
-    real_start: float
-    belt_travel: float  # of the part in the time missing by the planner's own clock, m
-
-
 def run(options: ReportOptions) -> None:
     """Regenerate the paper's results: the entry point of the command."""
-    plans, clocks = list(plan_rows()), list(clock_rows())
+    plans, clocks = list(plan_records()), list(clock_records())
     table = tabulate("Published, regenerated, and moved in real time", plans, PLAN_COLUMNS, PLAN_CAPTION, 3)
     publish(Report([table, _clock_table(clocks)], [], {"plans": plans, "start_clocks": clocks}, figure), options)
 
@@ -105,18 +71,18 @@ def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
     )
 
 
-def plan_rows() -> Iterator[PlanRow]:
+def plan_records() -> Iterator[Record]:
     """Every case by the readings of the paper and by the optimal planner."""
     for case in CASES:
         least = least_cost(case)
         for reading in (LITERAL, REPAIRED):
             for grid in GRIDS:
-                yield _paper_row(case, reading, grid, least)
+                yield _paper_plan(case, reading, grid, least)
         for slip in MASS_SLIPS:
-            yield _paper_row(case, slip, MAIN_GRID, least)
+            yield _paper_plan(case, slip, MAIN_GRID, least)
         if case != 1:  # without limits the earliest rendezvous is an impulse when the part comes by
-            yield _optimal_row(case, least, free_initial_acceleration=True)
-            yield _optimal_row(case, least, free_initial_acceleration=False)
+            for free in (True, False):
+                yield _optimal_plan(case, least, free_initial_acceleration=free)
 
 
 def least_cost(case: int) -> float:
@@ -132,46 +98,46 @@ def least_cost(case: int) -> float:
     return tracking_cost(motion)
 
 
-def _paper_row(case: int, reading: Reading, grid: tuple[int, int], least: float) -> PlanRow:
-    problem, published = paper_problem(case), CASES[case]
+def _paper_plan(case: int, reading: Reading, grid: tuple[int, int], least: float) -> Record:
+    problem = paper_problem(case)
     path = search_phase_plane(problem, grid=grid, reading=reading)
     motion = execute(problem, path)
-    return PlanRow(
-        case=case,
-        planner=reading.name,
-        grid=grid,
-        published_rendezvous_time=published.rendezvous_time if grid == MAIN_GRID else None,
-        published_peak_torque=published.peak_torque if grid == MAIN_GRID else None,
-        rendezvous_time=path.rendezvous_time,
-        peak_torque=tuple(path.peak_torque.tolist()),
-        cost=path.cost,
-        real_peak_torque=tuple(signed_peak(motion.tau).tolist()),
-        real_cost=motion.cost,
-        cost_ratio=motion.cost / least,
-        limit_ratios=dict(motion.limit_ratios),
-        lag=path.lag,
-    )
+    return _record(case, reading.name, motion, motion.cost, least, grid, path)
 
 
-def _optimal_row(case: int, least: float, free_initial_acceleration: bool) -> PlanRow:
+def _optimal_plan(case: int, least: float, *, free_initial_acceleration: bool) -> Record:
     motion = dpct.plan(paper_problem(case), free_initial_acceleration=free_initial_acceleration)
-    cost = tracking_cost(motion)
-    peak = tuple(signed_peak(motion.tau).tolist())
-    return PlanRow(
-        case=case,
-        planner="optimal, a(t0) free" if free_initial_acceleration else "optimal",
-        grid=None,
-        published_rendezvous_time=CASES[case].rendezvous_time,
-        published_peak_torque=None,
-        rendezvous_time=motion.rendezvous_time,
-        peak_torque=peak,
-        cost=cost,
-        real_peak_torque=peak,
-        real_cost=cost,
-        cost_ratio=cost / least,
-        limit_ratios=dict(motion.limit_ratios),
-        lag=0.0,
-    )
+    name = "optimal, a(t0) free" if free_initial_acceleration else "optimal"
+    return _record(case, name, motion, tracking_cost(motion), least)
+
+
+def _record(
+    case: int,
+    planner: str,
+    motion: Trajectory,
+    cost: float,
+    least: float,
+    grid: tuple[int, int] | None = None,
+    path: PhasePath | None = None,
+) -> Record:
+    """One plan: times in s, torques in N m (signed, the largest of each joint); None where there is no value."""
+    published, peak = CASES[case], signed_peak(motion.tau)
+    own = (motion.rendezvous_time, peak, cost) if path is None else (path.rendezvous_time, path.peak_torque, path.cost)
+    return {
+        "case": case,
+        "planner": planner,
+        "grid": grid,
+        "published_rendezvous_time": published.rendezvous_time if grid in (None, MAIN_GRID) else None,
+        "published_peak_torque": published.peak_torque if grid == MAIN_GRID else None,
+        # by the planner's clock: t_a, peak torque and J (s)
+        **dict(zip(("rendezvous_time", "peak_torque", "cost"), own, strict=True)),
+        # of the motion in real time
+        "real_peak_torque": peak,
+        "real_cost": cost,
+        "cost_ratio": cost / least,  # over the least J of any motion within the case's limits
+        "limit_ratios": dict(motion.limit_ratios),  # worst |value| / limit
+        "lag": 0.0 if path is None else path.lag,  # delay of the hand at the end of the line
+    }
 
 
 def tracking_cost(motion: Trajectory, headway: float = HEADWAY) -> float:
@@ -182,13 +148,18 @@ def tracking_cost(motion: Trajectory, headway: float = HEADWAY) -> float:
     return float(np.trapezoid((r - part) ** 2 + (rate - BELT_SPEED / LINE) ** 2, motion.t))
 
 
-def clock_rows() -> Iterator[ClockRow]:
-    """Literal plans on the main grid for several headways D."""
+def clock_records() -> Iterator[Record]:
+    """When the hand must start in literal plans on the main grid for several headways D (m), s; below 0: before t_0."""
     for headway in HEADWAYS:
         for case in CASES:
             path = search_phase_plane(paper_problem(case, headway), grid=MAIN_GRID)
-            own, real = float(path.clock[0]), float(path.real_clock[0])
-            yield ClockRow(headway, case, own, real, belt_travel=BELT_SPEED * path.clock_error)
+            yield {
+                "headway": headway,
+                "case": case,
+                "own_start": path.clock[0],  # by the planner's clock
+                "real_start": path.real_clock[0],
+                "belt_travel": BELT_SPEED * path.clock_error,  # of the part in the time missing by that clock, m
+            }
 
 
 PLAN_CAPTION = (
@@ -196,34 +167,36 @@ PLAN_CAPTION = (
     "torque, velocity or acceleration over its limit; / least: real J over the least J within the limits; lag: delay "
     "of the hand at the end of the line."
 )
-PLAN_COLUMNS: Columns[PlanRow] = {
-    "case": lambda row: str(row.case),
-    "planner": lambda row: row.planner,
-    "grid": lambda row: f"{row.grid[0]}x{row.grid[1]}" if row.grid else "",
-    "t_a": lambda row: f"{row.rendezvous_time:.3f}",
-    "paper's t_a": lambda row: f"{row.published_rendezvous_time:.2f}" if row.published_rendezvous_time else "",
-    "peak torques": lambda row: joined(row.peak_torque, 3),
-    "paper's": lambda row: joined(row.published_peak_torque or (), 3),
-    "J": lambda row: f"{row.cost:.4f}",
-    "real peak torques": lambda row: joined(row.real_peak_torque, 3),
-    "ratio": lambda row: f"{ratio:.2f}" if (ratio := _worst_ratio(row)) else "",
-    "real J": lambda row: f"{row.real_cost:.4f}",
-    "/ least": lambda row: f"{row.cost_ratio:.2f}",
-    "lag": lambda row: f"{1e3 * row.lag:.0f} ms" if row.lag else "",
+PLAN_COLUMNS: Columns = {
+    "case": "{case}",
+    "planner": "{planner}",
+    "grid": lambda plan: "x".join(map(str, plan["grid"] or ())),
+    "t_a": "{rendezvous_time:.3f}",
+    "paper's t_a": lambda plan: f"{time:.2f}" if (time := plan["published_rendezvous_time"]) else "",
+    "peak torques": lambda plan: joined(plan["peak_torque"], 3),
+    "paper's": lambda plan: joined(plan["published_peak_torque"] or (), 3),
+    "J": "{cost:.4f}",
+    "real peak torques": lambda plan: joined(plan["real_peak_torque"], 3),
+    "ratio": lambda plan: f"{ratio:.2f}" if (ratio := _worst_ratio(plan)) else "",
+    "real J": "{real_cost:.4f}",
+    "/ least": "{cost_ratio:.2f}",
+    "lag": lambda plan: f"{1e3 * lag:.0f} ms" if (lag := plan["lag"]) else "",
 }
 
 
-def _worst_ratio(row: PlanRow) -> float:
-    return max(row.limit_ratios[kind] for kind in ("torque", "velocity", "acceleration"))
+def _worst_ratio(plan: Record) -> float:
+    ratio: float = max(plan["limit_ratios"][kind] for kind in ("torque", "velocity", "acceleration"))
+    return ratio
 
 
-def _clock_table(rows: Sequence[ClockRow]) -> Table:
+def _clock_table(rows: Sequence[Record]) -> Table:
     headers = ["D (m)", *(f"case {case}: {column}" for case in CASES for column in ("own", "real", "belt"))]
     lines = []
-    for headway, group in groupby(rows, key=lambda row: row.headway):
+    for headway, group in groupby(rows, key=lambda row: row["headway"]):
         lines.append([f"{headway:+.2f}"])
         for row in group:
-            lines[-1] += [f"{row.own_start:+.3f}", f"{row.real_start:+.3f}", f"{1e3 * row.belt_travel:.0f}"]
+            lines[-1] += ["{own_start:+.3f}".format_map(row), "{real_start:+.3f}".format_map(row)]
+            lines[-1].append(format(1e3 * row["belt_travel"], ".0f"))
     return Table(
         f"When the hand must start (literal, {MAIN_GRID[0]}x{MAIN_GRID[1]})",
         headers,
@@ -233,11 +206,7 @@ def _clock_table(rows: Sequence[ClockRow]) -> Table:
 
 
 def figure() -> Figure:
-    """The paper's figures 4 to 8 from literal plans, on the search's own clock.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
+    """The paper's figures 4 to 8 from literal plans, on the search's own clock."""
     sheet = new_sheet(11.0, 15.0)
     grids, phases, hand, real, *joints = sheet.subplots(4, 2).flat
     for grid in GRIDS:

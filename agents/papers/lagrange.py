@@ -9,15 +9,15 @@ relative; with gravity, angle 0 is horizontal.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.integrate import cumulative_trapezoid
 
-from agents.figures.sheet import name_axes, new_sheet
-from agents.papers.report import Columns, Fact, Report, ReportOptions, joined, publish, tabulate
+from agents.figures.sheet import Figure, name_axes, new_sheet
+from agents.papers.report import Columns, Fact, Record, Report, ReportOptions, joined, publish, tabulate
 from planners import PLANAR_3R, FixedJoints, MotionProblem, Trajectory, lagrange
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.lagrange.paper import (
@@ -29,47 +29,15 @@ from planners.lagrange.paper import (
     published_motion,
     torque_integral,
 )
-from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MODELS = {"gravity off": 0.0, "gravity on": 9.81}  # m/s^2
 PUBLISHED_PI: dict[Method, float] = {"lagrange": 69.6216, "polynomial": 145.4126}
 ALGORITHMS: dict[Method, str] = {"lagrange": "1, Lagrange", "polynomial": "2, polynomial"}
 
 
-@dataclass(frozen=True)
-class PublishedRow:
-    """A motion the paper prints, in a stated model; arrays have an entry for each joint."""
-
-    model: str
-    algorithm: str
-    published_pi: float  # what the paper prints; its unit is not stated
-    pi1: float  # integral of the sum of abs(tau), N m s
-    pi2: float  # integral of the sum of tau^2, N^2 m^2 s
-    peak_torque: Array  # N m
-    start_velocity: Array  # rad/s
-    end_velocity: Array
-    end_angle: Array  # rad
-
-
-@dataclass(frozen=True)
-class PlanRow:
-    """The result of a search or a planner."""
-
-    model: str
-    plan: str
-    pi1: float
-    pi2: float
-    start_speed: float  # of the fastest joint, rad/s
-    torque_ratio: float  # worst value over the limit of planners.PLANAR_3R
-    angle_ratio: float
-
-
 def run(options: ReportOptions) -> None:
     """Regenerate the paper's results: the entry point of the command."""
-    published, searches, moves = list(published_rows()), list(search_rows()), list(move_rows())
+    published, searches, moves = list(published_records()), list(search_records()), list(move_records())
     least = "Least PI on the paper's grids; no velocity is fixed at the ends"
     same = "The same move from rest to rest; gravity off: horizontal, on: vertical"
     tables = [
@@ -77,7 +45,7 @@ def run(options: ReportOptions) -> None:
         tabulate(least, searches, PLAN_COLUMNS, PLAN_CAPTION, 2),
         tabulate(same, moves, PLAN_COLUMNS, PLAN_CAPTION, 2),
     ]
-    records: dict[str, Sequence[Any]] = {"published": published, "searches": searches, "moves": moves}
+    records: dict[str, Sequence[Record]] = {"published": published, "searches": searches, "moves": moves}
     publish(Report(tables, list(facts(published, searches)), records, figure), options)
 
 
@@ -87,67 +55,68 @@ def paper_problem(model: str = "gravity off") -> MotionProblem:
     return MotionProblem(arm=arm, q=np.zeros(3), target=FixedJoints(np.array([1.0, 0.0, 0.0])), horizon=1.0)
 
 
-def published_rows() -> Iterator[PublishedRow]:
+def published_records() -> Iterator[Record]:
     """The motions of Tables 2 to 4 in every model."""
     for model in MODELS:
         for method, algorithm in ALGORITHMS.items():
             found = published_motion(paper_problem(model), method)
-            yield PublishedRow(
-                model=model,
-                algorithm=algorithm,
-                published_pi=PUBLISHED_PI[method],
-                pi1=found.cost,
-                pi2=torque_integral(found.t, found.tau, 2),
-                peak_torque=np.abs(found.tau).max(axis=0),
-                start_velocity=found.qd[0],
-                end_velocity=found.qd[-1],
-                end_angle=found.q[-1],
-            )
+            yield {
+                "model": model,
+                "algorithm": algorithm,
+                "published_pi": PUBLISHED_PI[method],  # its unit is not stated
+                "pi1": found.cost,  # integral of the sum of abs(tau), N m s
+                "pi2": torque_integral(found.t, found.tau, 2),  # integral of the sum of tau^2, N^2 m^2 s
+                "peak_torque": np.abs(found.tau).max(axis=0),  # of each joint, N m
+                "start_velocity": found.qd[0],  # of each joint, rad/s
+                "end_velocity": found.qd[-1],
+                "end_angle": found.q[-1],  # of each joint, rad
+            }
 
 
-def search_rows() -> Iterator[PlanRow]:
+def search_records() -> Iterator[Record]:
     """The paper's searches, as stated."""
     for model in MODELS:
         problem = paper_problem(model)
-        yield _plan_row(model, "1: Table 2's nodes", plan_paper(problem, nodes=PUBLISHED_TIMES))
-        yield _plan_row(model, "1: 5 nodes (degree 4)", plan_paper(problem))
-        yield _plan_row(model, "1: 3 nodes (degree 2)", plan_paper(problem, nodes=3))
-        yield _plan_row(model, "2: degree 2", plan_paper(problem, method="polynomial"))
+        yield _record(model, "1: Table 2's nodes", plan_paper(problem, nodes=PUBLISHED_TIMES))
+        yield _record(model, "1: 5 nodes (degree 4)", plan_paper(problem))
+        yield _record(model, "1: 3 nodes (degree 2)", plan_paper(problem, nodes=3))
+        yield _record(model, "2: degree 2", plan_paper(problem, method="polynomial"))
 
 
-def move_rows() -> Iterator[PlanRow]:
+def move_records() -> Iterator[Record]:
     """The move from rest to rest, by the paper's searches and by others."""
     for model in MODELS:
         problem = paper_problem(model)
         still = Polynomial([0.0])
         quintic = motion(problem, [Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0]), still, still], "quintic")
-        yield _plan_row(model, "cubic", plan_paper(problem, method="polynomial", degree=3, clamped=True))
-        yield _plan_row(model, "quintic", quintic)
-        yield _plan_row(model, "2: degree 4", plan_paper(problem, method="polynomial", degree=4, clamped=True))
-        yield _plan_row(model, "1: 5 nodes, eq 7", plan_paper(problem, clamped=True))
-        yield _plan_row(model, "1: 5 nodes, Lobatto", plan_paper(problem, nodes=lobatto_nodes(4), clamped=True))
+        yield _record(model, "cubic", plan_paper(problem, method="polynomial", degree=3, clamped=True))
+        yield _record(model, "quintic", quintic)
+        yield _record(model, "2: degree 4", plan_paper(problem, method="polynomial", degree=4, clamped=True))
+        yield _record(model, "1: 5 nodes, eq 7", plan_paper(problem, clamped=True))
+        yield _record(model, "1: 5 nodes, Lobatto", plan_paper(problem, nodes=lobatto_nodes(4), clamped=True))
         for objective in ("PI1", "PI2"):
-            yield _plan_row(model, f"optimal, {objective}", lagrange.plan(problem, objective=objective))
+            yield _record(model, f"optimal, {objective}", lagrange.plan(problem, objective=objective))
 
 
-def _plan_row(model: str, plan: str, found: Trajectory) -> PlanRow:
-    return PlanRow(
-        model=model,
-        plan=plan,
-        pi1=torque_integral(found.t, found.tau),
-        pi2=torque_integral(found.t, found.tau, 2),
-        start_speed=float(np.abs(found.qd[0]).max()),
-        torque_ratio=found.limit_ratios["torque"],
-        angle_ratio=found.limit_ratios["angle"],
-    )
+def _record(model: str, plan: str, found: Trajectory) -> Record:
+    """The result of a search or a planner."""
+    return {
+        "model": model,
+        "plan": plan,
+        "pi1": torque_integral(found.t, found.tau),
+        "pi2": torque_integral(found.t, found.tau, 2),
+        "start_speed": np.abs(found.qd[0]).max(),  # of the fastest joint, rad/s
+        "torque_ratio": found.limit_ratios["torque"],  # worst value over the limit of planners.PLANAR_3R
+        "angle_ratio": found.limit_ratios["angle"],
+    }
 
 
-def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Iterator[Fact]:
+def facts(published: Sequence[Record], searches: Sequence[Record]) -> Iterator[Fact]:
     """Results that do not reproduce, or conclusions that do not follow, with the numbers that show it."""
-    pi = {(row.model, row.algorithm): row.pi1 for row in published}
-    least = {(row.model, row.plan): row.pi1 for row in searches}
+    pi = {(row["model"], row["algorithm"]): row["pi1"] for row in published}
+    least = {(row["model"], row["plan"]): row["pi1"] for row in searches}
     algorithm1, algorithm2 = ALGORITHMS.values()
-    first = published[0]  # algorithm 1 with gravity off
+    end_angle = published[0]["end_angle"]  # of algorithm 1 with gravity off
 
     ratios = {model: pi[model, algorithm2] / pi[model, algorithm1] for model in MODELS}
     ratio = PUBLISHED_PI["polynomial"] / PUBLISHED_PI["lagrange"]
@@ -167,12 +136,12 @@ def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Ite
     )
 
     yield Fact(
-        f"With the last node at {PUBLISHED_TIMES[-1]} s, Table 3's motion is at {joined(first.end_angle, 4)} rad "
+        f"With the last node at {PUBLISHED_TIMES[-1]} s, Table 3's motion is at {joined(end_angle, 4)} rad "
         "at 1 s, not at the goal.",
-        {"end_angle": first.end_angle},
+        {"end_angle": end_angle},
     )
 
-    speeds = {row.algorithm: float(np.abs(row.start_velocity).max()) for row in published[:2]}
+    speeds = {row["algorithm"]: float(np.abs(row["start_velocity"]).max()) for row in published[:2]}
     turning = motion(paper_problem(), [Polynomial([0.0, 1.0]), Polynomial([0.0]), Polynomial([0.0])], "theta1 = t")
     yield Fact(
         "No velocity is fixed at the ends: the printed motions start at up to "
@@ -208,35 +177,31 @@ def facts(published: Sequence[PublishedRow], searches: Sequence[PlanRow]) -> Ite
 
 
 PUBLISHED_CAPTION = "PI1 (N m s), PI2 (N^2 m^2 s), peak torques (N m), velocities (rad/s) and angles (rad) at 0 and 1 s"
-PUBLISHED_COLUMNS: Columns[PublishedRow] = {
-    "model": lambda row: row.model,
-    "algorithm": lambda row: row.algorithm,
-    "PI, paper": lambda row: f"{row.published_pi:.4f}",
-    "PI1": lambda row: f"{row.pi1:.3f}",
-    "PI2": lambda row: f"{row.pi2:.2f}",
-    "peak torques": lambda row: joined(row.peak_torque, 2),
-    "start velocity": lambda row: joined(row.start_velocity, 2),
-    "end velocity": lambda row: joined(row.end_velocity, 2),
-    "end angle": lambda row: joined(row.end_angle, 3),
+PUBLISHED_COLUMNS: Columns = {
+    "model": "{model}",
+    "algorithm": "{algorithm}",
+    "PI, paper": "{published_pi:.4f}",
+    "PI1": "{pi1:.3f}",
+    "PI2": "{pi2:.2f}",
+    "peak torques": lambda row: joined(row["peak_torque"], 2),
+    "start velocity": lambda row: joined(row["start_velocity"], 2),
+    "end velocity": lambda row: joined(row["end_velocity"], 2),
+    "end angle": lambda row: joined(row["end_angle"], 3),
 }
 PLAN_CAPTION = "1, 2: the paper's algorithms; ratio: worst value over the arm's limit"
-PLAN_COLUMNS: Columns[PlanRow] = {
-    "model": lambda row: row.model,
-    "plan": lambda row: row.plan,
-    "PI1": lambda row: f"{row.pi1:.3f}",
-    "PI2": lambda row: f"{row.pi2:.3f}",
-    "start speed": lambda row: f"{row.start_speed:.2f}",
-    "torque ratio": lambda row: f"{row.torque_ratio:.2f}",
-    "angle ratio": lambda row: f"{row.angle_ratio:.2f}",
+PLAN_COLUMNS: Columns = {
+    "model": "{model}",
+    "plan": "{plan}",
+    "PI1": "{pi1:.3f}",
+    "PI2": "{pi2:.3f}",
+    "start speed": "{start_speed:.2f}",
+    "torque ratio": "{torque_ratio:.2f}",
+    "angle ratio": "{angle_ratio:.2f}",
 }
 
 
 def figure() -> Figure:
-    """The paper's figures 2 to 9 from its printed motions.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
+    """The paper's figures 2 to 9 from its printed motions."""
     sheet = new_sheet(13.0, 16.0)
     panels = sheet.subplots(5, 3)
     for model, style in zip(MODELS, ("-", "--"), strict=True):

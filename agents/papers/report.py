@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 from agents.console import say
-from agents.figures.sheet import image_bytes
+from agents.figures.sheet import Figure, image_bytes
 from agents.files import write_bytes, write_json
 from agents.tables import Table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Record = TypeVar("Record")
-Columns = Mapping[str, Callable[[Record], str]]
-"""Headers, and what makes the cell of a record under each."""
+Record = dict[str, Any]
+"""A result by the names that it has in the JSON."""
+Columns = Mapping[str, str | Callable[[Record], str]]
+"""By header, the cell of a record: a template such as "{cost:.2f}", or a function."""
 
 
 @dataclass(frozen=True)
@@ -37,47 +35,39 @@ class Fact:
     """A statement about a paper, and the numbers in it by name."""
 
     statement: str
-    values: dict[str, Any]
+    values: Record
 
 
 @dataclass(frozen=True)
 class Report:
-    """A paper's results.
-
-    Attributes:
-        tables: to print.
-        facts: to print below the tables.
-        records: dataclass instances by the name they have in the JSON, where the facts follow them.
-        figure: draws the paper's figures; called only if a plot is asked for.
-    """
+    """A paper's results: tables and facts to print, records for the JSON, and what draws the paper's figures."""
 
     tables: Sequence[Table]
     facts: Sequence[Fact]
-    records: Mapping[str, Sequence[Any]]
+    records: Mapping[str, Sequence[Record]]
     figure: Callable[[], Figure]
 
 
 def tabulate(
-    title: str, records: Iterable[Record], columns: Columns[Record], caption: str = "", text_columns: int = 1
+    title: str, records: Iterable[Record], columns: Columns, caption: str = "", text_columns: int = 1
 ) -> Table:
     """A table with a row for each record; see `agents.tables.Table` for the other arguments."""
-    rows = [[cell(record) for cell in columns.values()] for record in records]
+    rows = [
+        [cell.format_map(record) if isinstance(cell, str) else cell(record) for cell in columns.values()]
+        for record in records
+    ]
     return Table(title, list(columns), rows, caption, text_columns)
 
 
 def publish(report: Report, options: ReportOptions) -> None:
-    """Print a report; write its JSON and its figures if asked for.
-
-    Raises:
-        ModuleNotFoundError: if a plot is asked for and matplotlib is missing.
-    """
+    """Print a report; write its JSON and its figures if asked for."""
     for table in report.tables:
         table.show()
     for fact in report.facts:
         say(f"- {fact.statement}")
     if options.json is not None:
-        records = {**report.records, **({"facts": report.facts} if report.facts else {})}
-        write_json(options.json, {name: [asdict(record) for record in found] for name, found in records.items()})
+        facts = {"facts": [asdict(fact) for fact in report.facts]} if report.facts else {}
+        write_json(options.json, {**report.records, **facts})
     if options.plot is not None:
         write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
 

@@ -9,7 +9,7 @@ import pytest
 from paper_results import Regenerate
 
 from agents.papers.apf.facts import stable_distance
-from agents.papers.apf.runs import DISTANCES, GOAL, SCENES, START, WALLS, paper_problem, random_problems, scene_rows
+from agents.papers.apf.runs import DISTANCES, GOAL, SCENES, START, WALLS, paper_problem, random_problems, scene_records
 from planners.apf.hand_field import make_field
 from planners.apf.khatib import wall
 
@@ -113,4 +113,4 @@ def test_the_scene_is_the_one_described() -> None:
     problem = paper_problem("crossing, other elbow")
     np.testing.assert_allclose(problem.arm.forward_kinematics(problem.q), START, atol=1e-12)
     assert problem.q[1] < 0.0 < paper_problem("crossing").q[1]
-    assert next(scene_rows()).scene == "crossing"
+    assert next(scene_records())["scene"] == "crossing"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from paper_results import Regenerate
 
-from agents.papers.dpct import CASES, GRIDS, HEADWAYS, paper_problem, plan_rows, tracking_cost
+from agents.papers.dpct import CASES, GRIDS, HEADWAYS, paper_problem, plan_records, tracking_cost
 from planners.dpct.paper import MASS_SLIPS, plan_paper
 
 
@@ -57,4 +57,4 @@ def test_the_scenario_is_the_papers() -> None:
     problem = paper_problem(3)
     np.testing.assert_allclose(problem.arm.forward_kinematics(problem.q), [-0.8, 1.732], atol=1e-12)
     assert problem.horizon == pytest.approx(3.0)
-    assert next(plan_rows()).case == 1
+    assert next(plan_records())["case"] == 1

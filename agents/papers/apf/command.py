@@ -9,7 +9,7 @@ one that eq 8 prints.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
 from agents.papers.apf.facts import facts
 from agents.papers.apf.figures import figure
@@ -18,53 +18,52 @@ from agents.papers.apf.runs import (
     RANDOM_PROBLEMS,
     RANDOM_SEED,
     START,
-    RandomRow,
-    SceneRow,
     clearances,
     paper_problem,
     random_problems,
-    random_rows,
-    scene_rows,
+    random_records,
+    scene_records,
 )
-from agents.papers.report import Columns, Report, ReportOptions, publish, tabulate
+from agents.papers.report import Columns, Record, Report, ReportOptions, publish, tabulate
 
 SCENE_CAPTION = "Time (s) of the end, distance from the goal then, least clearances of hand and arm (mm)"
-SCENE_COLUMNS: Columns[SceneRow] = {
-    "scene": lambda row: row.scene,
-    "distance": lambda row: row.distance,
-    "wall": lambda row: row.wall,
-    "outcome": lambda row: row.outcome.replace("_", " "),
-    "time": lambda row: f"{row.time:.2f}",
-    "from goal": lambda row: f"{1e3 * row.goal_distance:.0f}",
-    "hand": lambda row: f"{1e3 * row.hand_clearance:.0f}",
-    "arm": lambda row: f"{1e3 * row.arm_clearance:.0f}",
+SCENE_COLUMNS: Columns = {
+    "scene": "{scene}",
+    "distance": "{distance}",
+    "wall": "{wall}",
+    "outcome": lambda row: row["outcome"].replace("_", " "),
+    "time": "{time:.2f}",
+    "from goal": lambda row: format(1e3 * row["goal_distance"], ".0f"),
+    "hand": lambda row: format(1e3 * row["hand_clearance"], ".0f"),
+    "arm": lambda row: format(1e3 * row["arm_clearance"], ".0f"),
 }
 RANDOM_CAPTION = (
     "In range: joint angles within their limits all the way. Gained: reached here but not with the static distance and "
     "the same wall; lost: the other way round"
 )
-RANDOM_COLUMNS: Columns[RandomRow] = {
-    "distance": lambda row: row.distance,
-    "wall": lambda row: row.wall,
-    "reached": lambda row: f"{100.0 * row.reached:.1f}",
-    "in range": lambda row: f"{100.0 * row.in_range:.1f}",
-    "gained": lambda row: f"{100.0 * row.gained:.1f}",
-    "lost": lambda row: f"{100.0 * row.lost:.1f}",
-    "hand hit": lambda row: f"{100.0 * row.hand_hit:.1f}",
-    "link hit": lambda row: f"{100.0 * row.link_hit:.1f}",
-    "local minimum": lambda row: f"{100.0 * row.local_minimum:.1f}",
-    "late": lambda row: f"{100.0 * row.late:.1f}",
+RANDOM_SHARES = ("reached", "in_range", "gained", "lost", "hand_hit", "link_hit", "local_minimum", "late")
+
+
+def percent(name: str, row: Record) -> str:
+    """A share in percent."""
+    return format(100.0 * row[name], ".1f")
+
+
+RANDOM_COLUMNS: Columns = {
+    "distance": "{distance}",
+    "wall": "{wall}",
+    **{name.replace("_", " "): partial(percent, name) for name in RANDOM_SHARES},
 }
 
 
 def run(options: ReportOptions) -> None:
     """Regenerate the paper's results: the entry point of the command."""
-    scenes = list(scene_rows())
-    randoms = list(random_rows(list(random_problems(RANDOM_PROBLEMS, RANDOM_SEED))))
+    scenes = list(scene_records())
+    randoms = list(random_records(list(random_problems(RANDOM_PROBLEMS, RANDOM_SEED))))
     moves = f"{RANDOM_PROBLEMS} moves past a disc from a random direction (seed {RANDOM_SEED}), % of them"
     tables = [
         tabulate(f"From {START} to {GOAL} m past moving discs", scenes, SCENE_COLUMNS, SCENE_CAPTION, 4),
         tabulate(moves, randoms, RANDOM_COLUMNS, RANDOM_CAPTION, 2),
     ]
-    records: dict[str, Sequence[Any]] = {"scenes": scenes, "clearances": list(clearances()), "random": randoms}
+    records: dict[str, Sequence[Record]] = {"scenes": scenes, "clearances": list(clearances()), "random": randoms}
     publish(Report(tables, list(facts(paper_problem())), records, figure), options)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from agents.figures.sheet import name_axes, new_sheet
+from agents.figures.sheet import Axes, Figure, SubFigure, name_axes, new_sheet
 from agents.papers.apf.runs import DISTANCES, SCENES, WALLS, paper_motion, paper_problem
 from planners import Arm, MotionProblem
 from planners.apf.distance_table import DistanceTable
@@ -16,10 +16,6 @@ from planners.apf.hand_field import LOOK_AHEAD, Distance, make_field
 from planners.apf.khatib import Gains, potential
 from planners.apf.paper import FieldMotion, hand_goal
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
 INSTANTS = (0.0, 0.4, 0.8, 1.2, 1.6, 2.5)  # s: figure 3
 SURFACE_TIME = 1.0  # s: figure 2
@@ -29,11 +25,7 @@ _HIGHEST = 1.0  # m^2/s; the wall goes on above
 
 
 def figure() -> Figure:
-    """The paper's figures 2 and 3.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
+    """The paper's figures 2 and 3, with clearances over time and the distance table."""
     sheet = new_sheet(13.5, 13.0)
     panels: Any = sheet.subfigures(3, 1, height_ratios=(1.0, 1.1, 0.8))
     surfaces, scenes, curves = panels

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.papers.report import Record
 from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
 from planners.apf.hand_field import Distance, make_field
-from planners.apf.paper import PERIOD, FieldMotion, Outcome, follow_field
-from planners.typing import Array
+from planners.apf.paper import PERIOD, FieldMotion, follow_field
 
 START, GOAL, HORIZON = (-0.25, 0.9), (0.65, 0.1), 8.0  # of the hand, m; s
 RADIUS = 0.1  # of every disc, m
@@ -36,48 +36,6 @@ SCENES = {
     "elbow": Scene("a disc comes at the elbow", 1, (((1.0, -0.3), (-0.5, 0.2)),)),
     "gate": Scene("two discs at rest", -1, (((0.51, 0.49), (0.0, 0.0)), ((0.25, 0.19), (0.0, 0.0)))),
 }
-
-
-@dataclass(frozen=True)
-class SceneRow:
-    """The motion that one field makes in one scene. Lengths in m, times in s."""
-
-    scene: str
-    distance: str
-    wall: str
-    outcome: Outcome
-    time: float  # of the end, and the hand's distance from the goal then
-    goal_distance: float
-    hand_clearance: float  # least of the motion, of the hand alone and of the whole arm
-    arm_clearance: float
-
-
-@dataclass(frozen=True)
-class Clearances:
-    """Clearance over time (s) in one motion, of the hand alone and of the whole arm, m."""
-
-    scene: str
-    distance: str
-    wall: str
-    t: Array
-    hand: Array
-    arm: Array
-
-
-@dataclass(frozen=True)
-class RandomRow:
-    """Outcomes of moves past a disc from a random direction, as shares of the problems; see `FieldMotion`."""
-
-    distance: str
-    wall: str
-    reached: float
-    in_range: float  # reached, with every joint angle within its limits all the way
-    gained: float  # reached here but not with the plain distance and the same wall
-    lost: float  # the other way round
-    hand_hit: float  # a disc touched the hand
-    link_hit: float  # a disc touched a link and not the hand
-    local_minimum: float
-    late: float
 
 
 def paper_problem(scene: str = "crossing") -> MotionProblem:
@@ -121,40 +79,34 @@ def paper_motion(scene: str, distance: Distance = "table", square: bool = True) 
     return follow_field(paper_problem(scene), make_field(square=square, distance=distance))
 
 
-def scene_rows() -> Iterator[SceneRow]:
-    """Every scene with either distance and either wall."""
+def scene_records() -> Iterator[Record]:
+    """The end of every scene's motion with either distance and either wall."""
     for scene, distance, square in itertools.product(SCENES, DISTANCES, WALLS):
         problem, motion = paper_problem(scene), paper_motion(scene, distance, square)
         hand = problem.arm.forward_kinematics(motion.q[-1])
-        yield SceneRow(
-            scene=scene,
-            distance=distance,
-            wall=WALLS[square],
-            outcome=motion.outcome,
-            time=float(motion.t[-1]),
-            goal_distance=float(np.hypot(*(hand - np.array(GOAL)))),
-            hand_clearance=float(motion.hand_clearance.min()),
-            arm_clearance=float(motion.clearance.min()),
-        )
+        yield {
+            "scene": scene,
+            "distance": distance,
+            "wall": WALLS[square],
+            "outcome": motion.outcome,
+            "time": motion.t[-1],  # s
+            "goal_distance": np.hypot(*(hand - np.array(GOAL))),  # m
+            "hand_clearance": motion.hand_clearance.min(),  # m; of the hand alone
+            "arm_clearance": motion.clearance.min(),  # m
+        }
 
 
-def clearances() -> Iterator[Clearances]:
-    """The crossing with either distance and either wall, every 0.02 s."""
+def clearances() -> Iterator[Record]:
+    """Clearance (m) of hand and arm in the crossing with either distance and either wall, every 0.02 s."""
+    shown = slice(None, None, round(CURVE_STEP / PERIOD))
     for distance, square in itertools.product(DISTANCES, WALLS):
         motion = paper_motion("crossing", distance, square)
-        shown = slice(None, None, round(CURVE_STEP / PERIOD))
-        yield Clearances(
-            scene="crossing",
-            distance=distance,
-            wall=WALLS[square],
-            t=motion.t[shown],
-            hand=motion.hand_clearance[shown],
-            arm=motion.clearance[shown],
-        )
+        curves = {"t": motion.t[shown], "hand": motion.hand_clearance[shown], "arm": motion.clearance[shown]}
+        yield {"scene": "crossing", "distance": distance, "wall": WALLS[square], **curves}
 
 
-def random_rows(problems: Sequence[MotionProblem]) -> Iterator[RandomRow]:
-    """The same problems with either distance and either wall."""
+def random_records(problems: Sequence[MotionProblem]) -> Iterator[Record]:
+    """Shares of the outcomes (see `FieldMotion`) of the same problems with either distance and either wall."""
     plain: dict[bool, set[int]] = {}
     for distance, square in itertools.product(DISTANCES, WALLS):
         field = make_field(square=square, distance=distance)
@@ -162,18 +114,18 @@ def random_rows(problems: Sequence[MotionProblem]) -> Iterator[RandomRow]:
         endings = [ending for ending, _ in ends]
         reached = {i for i, ending in enumerate(endings) if ending == "reached"}
         before = plain.setdefault(square, reached)  # the plain distance comes first
-        yield RandomRow(
-            distance=distance,
-            wall=WALLS[square],
-            reached=len(reached) / len(problems),
-            in_range=ends.count(("reached", True)) / len(problems),
-            gained=len(reached - before) / len(problems),
-            lost=len(before - reached) / len(problems),
-            hand_hit=endings.count("hand") / len(problems),
-            link_hit=endings.count("collision") / len(problems),
-            local_minimum=endings.count("local_minimum") / len(problems),
-            late=endings.count("late") / len(problems),
-        )
+        counts = {
+            "reached": len(reached),
+            "in_range": ends.count(("reached", True)),  # with every joint angle within its limits all the way
+            "gained": len(reached - before),  # reached here but not with the plain distance and the same wall
+            "lost": len(before - reached),  # the other way round
+            "hand_hit": endings.count("hand"),
+            "link_hit": endings.count("collision"),  # and not the hand
+            "local_minimum": endings.count("local_minimum"),
+            "late": endings.count("late"),
+        }
+        shares = {name: count / len(problems) for name, count in counts.items()}
+        yield {"distance": distance, "wall": WALLS[square], **shares}
 
 
 def _ending(problem: MotionProblem, motion: FieldMotion) -> tuple[str, bool]:

@@ -17,13 +17,13 @@ import numpy as np
 from agents.console import progress_bar
 from agents.papers.excavator.facts import facts
 from agents.papers.excavator.figures import figure
-from agents.papers.excavator.runs import CONTROLLERS, NOMINAL, ROUGH_CONDITIONS, ROUGH_PAYLOADS, PayloadRow, Trial
-from agents.papers.report import Report, ReportOptions, joined, publish
+from agents.papers.excavator.runs import CONTROLLERS, NOMINAL, ROUGH_CONDITIONS, ROUGH_PAYLOADS, Trial
+from agents.papers.report import Record, Report, ReportOptions, joined, publish
 from agents.tables import Table
 from planners.excavator import EXCAVATOR
 from planners.excavator.controllers import ADAPTIVE
 
-Cell = Callable[[PayloadRow], str]
+Cell = Callable[[Record], str]
 
 
 @dataclass(frozen=True)
@@ -63,61 +63,68 @@ def run(options: PaperExcavatorOptions) -> None:
     trial = options.trial()
     with progress_bar("cycles") as bar:
         progress = partial(bar.advance, bar.add_task("simulating", total=2 * trial.cycles * len(CONTROLLERS)))
-        payloads = list(trial.rows([(percent, NOMINAL) for percent in options.payloads], progress))
-        rough = list(trial.rows(ROUGH_CONDITIONS, progress))
+        payloads = list(trial.records([(percent, NOMINAL) for percent in options.payloads], progress))
+        rough = list(trial.records(ROUGH_CONDITIONS, progress))
     tables = [*_payload_tables(payloads, trial.cycles), *_rough_tables(rough)]
     records = {"payloads": payloads, "rough": rough}
     draw = partial(figure, trial, options.payloads)
     publish(Report(tables, list(facts(payloads, rough)), records, draw), options)
 
 
-def _payload_tables(rows: Sequence[PayloadRow], cycles: int) -> Iterator[Table]:
+def _payload_tables(rows: Sequence[Record], cycles: int) -> Iterator[Table]:
     """Controllers by payloads."""
 
-    def header(row: PayloadRow) -> str:
-        return f"{row.percent:g} %, {row.mass:g} kg"
-
+    header = "{percent:g} %, {mass:g} kg".format_map
     yield _pivot(
         f"RMS error of the five joints, deg: cycle 1 / cycle {cycles}",
         rows,
         header,
-        lambda row: f"{np.degrees(row.first.joints):.3f} / {np.degrees(row.last.joints):.4f}",
+        lambda row: f"{_degrees(row['first']):.3f} / {_degrees(row['last']):.4f}",
     )
     yield _pivot(
         f"Tip, mm: RMS and peak in cycle 1 / RMS and peak in cycle {cycles}",
         rows,
         header,
-        lambda row: " / ".join(joined((1e3 * cycle.tip, 1e3 * cycle.tip_peak), 1) for cycle in (row.first, row.last)),
+        lambda row: " / ".join(
+            joined((1e3 * cycle["tip"], 1e3 * cycle["tip_peak"]), 1) for cycle in (row["first"], row["last"])
+        ),
     )
     yield _pivot(
         f"Joints 1 and 2, RMS error in cycle {cycles}: angles, deg / velocities, deg/s",
         rows,
         header,
-        lambda row: f"{joined(np.degrees(row.last.position[:2]), 4)} / {joined(np.degrees(row.last.velocity[:2]), 3)}",
+        lambda row: " / ".join(
+            joined(np.degrees(row["last"][name][:2]), digits) for name, digits in (("position", 4), ("velocity", 3))
+        ),
     )
     adaptive = {entry.title for entry in CONTROLLERS if entry.controller in ADAPTIVE}
     yield _pivot(
         f"Estimated mass after cycle 1 / largest error in cycle {cycles}, kg",
-        [row for row in rows if row.controller in adaptive],
+        [row for row in rows if row["controller"] in adaptive],
         header,
-        lambda row: f"{row.first.mass_estimate:.1f} / {row.last.mass_error:.1f}",
+        "{first[mass_estimate]:.1f} / {last[mass_error]:.1f}".format_map,
     )
 
 
-def _rough_tables(rows: Sequence[PayloadRow]) -> Iterator[Table]:
+def _rough_tables(rows: Sequence[Record]) -> Iterator[Table]:
     """Controllers by the arm's differences from their model, for each payload."""
     for percent in ROUGH_PAYLOADS:
-        shown = [row for row in rows if row.percent == percent]
+        shown = [row for row in rows if row["percent"] == percent]
         yield _pivot(
-            f"What the controller does not know, {shown[0].mass:g} kg: joints, deg / tip, mm, RMS, last cycle",
+            f"What the controller does not know, {shown[0]['mass']:g} kg: joints, deg / tip, mm, RMS, last cycle",
             shown,
-            lambda row: row.case,
-            lambda row: f"{np.degrees(row.last.joints):.4f} / {1e3 * row.last.tip:.1f}",
+            "{case}".format_map,
+            lambda row: f"{_degrees(row['last']):.4f} / {1e3 * row['last']['tip']:.1f}",
         )
 
 
-def _pivot(title: str, rows: Sequence[PayloadRow], header: Cell, cell: Cell) -> Table:
+def _degrees(errors: Record) -> float:
+    """The error of the joints, deg."""
+    return float(np.degrees(errors["joints"]))
+
+
+def _pivot(title: str, rows: Sequence[Record], header: Cell, cell: Cell) -> Table:
     """A line for each controller; its rows, in order, are the cells."""
     headers = ["controller", *dict.fromkeys(header(row) for row in rows)]
-    names = dict.fromkeys(row.controller for row in rows)
-    return Table(title, headers, [[name, *(cell(row) for row in rows if row.controller == name)] for name in names])
+    names = dict.fromkeys(row["controller"] for row in rows)
+    return Table(title, headers, [[name, *(cell(row) for row in rows if row["controller"] == name)] for name in names])

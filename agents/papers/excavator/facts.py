@@ -16,88 +16,67 @@ from agents.papers.excavator.runs import (
     PAPER,
     Case,
     NamedController,
-    PayloadRow,
 )
-from agents.papers.report import Fact
+from agents.papers.report import Fact, Record
 from planners.excavator import EXCAVATOR, forward_kinematics, inverse_kinematics
 from planners.typing import Array
 
 POSTURES = 10_000
 
 
-def facts(payloads: Sequence[PayloadRow], rough: Sequence[PayloadRow]) -> Iterator[Fact]:
-    """All facts, from the rows of :mod:`agents.papers.excavator.runs`."""
-    if any(row.mass for row in payloads):
-        yield adaptation(payloads)
-        yield mass_estimate(payloads)
-    yield accuracy(payloads)
-    yield rough_arm(rough)
-    yield wrong_centre(rough)
-    yield round_trip()
-    yield printed_sign()
+def facts(payloads: Sequence[Record], rough: Sequence[Record]) -> Iterator[Fact]:
+    """All facts, from the records of :mod:`agents.papers.excavator.runs`."""
+    own = _of(payloads, DEFAULT, NOMINAL)
+    if loaded := [row for row in own if row["mass"]]:
+        (first, last), (_, last_integral) = (_shares(payloads, DEFAULT, baseline) for baseline in (FIXED, INTEGRAL))
+        integral = _shares(payloads, INTEGRAL, FIXED)[1]
+        yield Fact(
+            f"{DEFAULT.title}: the error of the joints is at most {_percent(first)} of that of computed torque in the "
+            f"first cycle (wanted: 8 %) and {_percent(last)} in the last (0.5 %), and {_percent(last_integral)} of "
+            f"that of computed torque with an integral (5 %). The integral alone has {_percent(integral)} of the error "
+            "of computed torque: a comparison without it shows little.",
+            {
+                "first_of_fixed": first,
+                "last_of_fixed": last,
+                "last_of_integral": last_integral,
+                "integral_of_fixed": integral,
+            },
+        )
 
+        first = max(abs(row["first"]["mass_estimate"] / row["mass"] - 1.0) for row in loaded)
+        swing = max(row["last"]["mass_error"] / row["mass"] for row in loaded)
+        yield Fact(
+            f"{DEFAULT.title}: after one cycle the mass is estimated within {_percent(first)} (wanted: 1 %); in the "
+            f"last it is never farther off than {_percent(swing)}.",
+            {"after_first_cycle": first, "worst_in_last": swing},
+        )
 
-def adaptation(rows: Sequence[PayloadRow]) -> Fact:
-    """The gain of adaptation over controllers that do not adapt: the worst over the payloads."""
-    (first, last), (_, last_integral) = (_shares(rows, DEFAULT, baseline) for baseline in (FIXED, INTEGRAL))
-    integral = _shares(rows, INTEGRAL, FIXED)[1]
-    return Fact(
-        f"{DEFAULT.title}: the error of the joints is at most {_percent(first)} of that of computed torque in the "
-        f"first cycle (wanted: 8 %) and {_percent(last)} in the last (0.5 %), and {_percent(last_integral)} of that of "
-        f"computed torque with an integral (5 %). The integral alone has {_percent(integral)} of the error of computed "
-        "torque: a comparison without it shows little.",
-        {
-            "first_of_fixed": first,
-            "last_of_fixed": last,
-            "last_of_integral": last_integral,
-            "integral_of_fixed": integral,
-        },
-    )
-
-
-def mass_estimate(rows: Sequence[PayloadRow]) -> Fact:
-    """How well the mass of the payload is estimated."""
-    own = [row for row in _of(rows, DEFAULT, NOMINAL) if row.mass]
-    first = max(abs(row.first.mass_estimate / row.mass - 1.0) for row in own)
-    swing = max(row.last.mass_error / row.mass for row in own)
-    return Fact(
-        f"{DEFAULT.title}: after one cycle the mass is estimated within {_percent(first)} (wanted: 1 %); in the last "
-        f"it is never farther off than {_percent(swing)}.",
-        {"after_first_cycle": first, "worst_in_last": swing},
-    )
-
-
-def accuracy(rows: Sequence[PayloadRow]) -> Fact:
-    """The absolute errors of the last cycle, without a payload too."""
-    own = _of(rows, DEFAULT, NOMINAL)
-    joints, tip = max(row.last.joints for row in own), max(row.last.tip for row in own)
-    return Fact(
+    joints, tip = (max(row["last"][name] for row in own) for name in ("joints", "tip"))
+    yield Fact(
         f"{DEFAULT.title}: in the last cycle at most {np.degrees(joints):.4f} deg (wanted: 0.02) and "
         f"{1e3 * tip:.2f} mm at the tip (1), whatever the payload.",
         {"joints": joints, "tip": tip},
     )
 
-
-def rough_arm(rows: Sequence[PayloadRow]) -> Fact:
-    """With all differences between arm and model at once."""
-    (_, share), own = _shares(rows, DEFAULT, INTEGRAL, ALL_TOGETHER), _of(rows, DEFAULT, ALL_TOGETHER)
-    tip = max(row.last.tip for row in own)
-    return Fact(
+    _, share = _shares(rough, DEFAULT, INTEGRAL, ALL_TOGETHER)
+    tip = max(row["last"]["tip"] for row in _of(rough, DEFAULT, ALL_TOGETHER))
+    yield Fact(
         f"{DEFAULT.title}, all together: at most {_percent(share)} of the error of computed torque with an integral "
         f"(wanted: a third), {1e3 * tip:.1f} mm at the tip (5).",
         {"last_of_integral": share, "tip": tip},
     )
 
-
-def wrong_centre(rows: Sequence[PayloadRow]) -> Fact:
-    """The paper's law with the payload's centre elsewhere."""
-    heaviest = {entry: _of(rows, entry, CENTRE_OFF)[-1] for entry in (PAPER, INTEGRAL, DEFAULT)}
-    errors = {entry.title: float(np.degrees(row.last.joints)) for entry, row in heaviest.items()}
-    return Fact(
-        f"A mass is not enough: with the centre of {heaviest[PAPER].mass:g} kg off by {_offset(CENTRE_OFF)} m the "
-        "error of the joints is " + ", ".join(f"{value:.3f} deg ({title})" for title, value in errors.items()) + ".",
+    heaviest = {entry: _of(rough, entry, CENTRE_OFF)[-1] for entry in (PAPER, INTEGRAL, DEFAULT)}
+    errors = {entry.title: float(np.degrees(row["last"]["joints"])) for entry, row in heaviest.items()}
+    offset = ", ".join(f"{value:g}" for value in CENTRE_OFF.offset)
+    yield Fact(
+        f"A mass is not enough: with the centre of {heaviest[PAPER]['mass']:g} kg off by ({offset}) m the error of the "
+        "joints is " + ", ".join(f"{value:.3f} deg ({title})" for title, value in errors.items()) + ".",
         errors,
     )
+
+    yield round_trip()
+    yield printed_sign()
 
 
 def round_trip() -> Fact:
@@ -144,25 +123,21 @@ def _random_postures() -> Array:
     return np.random.default_rng(0).uniform(-limit, limit, (POSTURES, EXCAVATOR.n_joints))
 
 
-def _of(rows: Sequence[PayloadRow], entry: NamedController, case: Case) -> list[PayloadRow]:
-    return [row for row in rows if (row.controller, row.case) == (entry.title, case.title)]
+def _of(rows: Sequence[Record], entry: NamedController, case: Case) -> list[Record]:
+    return [row for row in rows if (row["controller"], row["case"]) == (entry.title, case.title)]
 
 
 def _shares(
-    rows: Sequence[PayloadRow], entry: NamedController, baseline: NamedController, case: Case = NOMINAL
+    rows: Sequence[Record], entry: NamedController, baseline: NamedController, case: Case = NOMINAL
 ) -> tuple[float, float]:
     """Largest ratio of the joints' errors of two controllers over the payloads, in the first and in the last cycle."""
     pairs = zip(_of(rows, entry, case), _of(rows, baseline, case), strict=True)
-    loaded = [(own, other) for own, other in pairs if own.mass]
-    return (
-        max(own.first.joints / other.first.joints for own, other in loaded),
-        max(own.last.joints / other.last.joints for own, other in loaded),
+    loaded = [(own, other) for own, other in pairs if own["mass"]]
+    first, last = (
+        max(own[cycle]["joints"] / other[cycle]["joints"] for own, other in loaded) for cycle in ("first", "last")
     )
+    return first, last
 
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
-
-
-def _offset(case: Case) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in case.offset) + ")"

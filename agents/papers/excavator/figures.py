@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from agents.figures.sheet import name_axes, new_sheet
+from agents.figures.sheet import Figure, name_axes, new_sheet
 from agents.papers.excavator.runs import DEFAULT, FIXED, NOMINAL, PAPER, Trial
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FIGURES = {2.0: "Figure 4: ", 4.0: "Figure 5: ", 6.0: "Figure 6: ", 8.0: "Figure 7: ", 10.0: "Figure 8: "}
 """Of the paper, by payload, %."""
@@ -23,12 +20,7 @@ _SMALLEST = 1e-5  # deg; smaller errors are drawn here
 def figure(trial: Trial, percents: Sequence[float]) -> Figure:
     """Angles and velocities of joints 1 and 2 in the first cycle, errors and estimated masses in all cycles.
 
-    Args:
-        trial: machine, cycles and rate.
-        percents: the payloads, a row each, % of the rated load.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
+    There is a row for each payload, ``percents`` of the rated load.
     """
     sheet = new_sheet(24.0, 3.0 * len(percents))
     panels = sheet.subplots(len(percents), 6, squeeze=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.papers.report import Record
 from planners.excavator import EXCAVATOR, Excavator, forward_kinematics
 from planners.excavator.controllers import make_controller
 from planners.excavator.dynamics import ChainDynamics, payload
@@ -77,32 +78,6 @@ ROUGH_CONDITIONS = [(percent, case) for percent in ROUGH_PAYLOADS for case in CA
 
 
 @dataclass(frozen=True)
-class CycleErrors:
-    """Errors over one cycle, root mean square of its samples."""
-
-    position: Array  # of each joint, rad
-    velocity: Array  # of each joint, rad/s
-    joints: float  # of all five angles together, rad
-    tip: float  # distance of the tip from the reference, m
-    tip_peak: float  # the largest, m
-    mass_error: float  # largest absolute error of the estimated mass, kg
-    mass_estimate: float  # at the end of the cycle, kg
-
-
-@dataclass(frozen=True)
-class PayloadRow:
-    """One controller with one payload, on the arm of one case."""
-
-    controller: str
-    case: str
-    percent: float  # the payload, % of the rated load
-    mass: float  # the payload, kg
-    first: CycleErrors  # of the first cycle
-    last: CycleErrors
-    torque_ratio: float  # largest torque over its limit
-
-
-@dataclass(frozen=True)
 class Trial:
     """What all runs share: the machine, the number of cycles and the control period (s)."""
 
@@ -126,7 +101,7 @@ class Trial:
         )
         return simulate(controller, plant, WORK_CYCLE, self.cycles, progress=progress)
 
-    def rows(self, conditions: Conditions, progress: Progress = lambda: None) -> Iterator[PayloadRow]:
+    def records(self, conditions: Conditions, progress: Progress = lambda: None) -> Iterator[Record]:
         """Errors of every controller under every condition."""
         for entry in CONTROLLERS:
             run = self.follow(entry, conditions, progress)
@@ -134,23 +109,31 @@ class Trial:
             distance = np.linalg.norm(tip, axis=-1)
             for env_index, (percent, case) in enumerate(conditions):
                 mass = self.machine.payload.mass(percent)
-                first, last = (self._errors(run, distance, env_index, mass, cycle) for cycle in (0, self.cycles - 1))
-                ratio = float((np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max())
-                yield PayloadRow(entry.title, case.title, percent, mass, first, last, ratio)
+                torque_ratio = (np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max()
+                yield {
+                    "controller": entry.title,
+                    "case": case.title,
+                    "percent": percent,  # the payload, % of the rated load
+                    "mass": mass,  # the payload, kg
+                    "first": self._errors(run, distance, env_index, mass, 0),  # of the first cycle
+                    "last": self._errors(run, distance, env_index, mass, self.cycles - 1),
+                    "torque_ratio": torque_ratio,  # largest torque over its limit
+                }
 
-    def _errors(self, run: Run, distance: Array, env_index: int, mass: float, cycle: int) -> CycleErrors:
+    def _errors(self, run: Run, distance: Array, env_index: int, mass: float, cycle: int) -> Record:
+        """Errors over one cycle, root mean square of its samples where nothing else is said."""
         length = len(run.t) // self.cycles
         span = slice(cycle * length, (cycle + 1) * length)
         position = run.q[span, env_index] - run.q_d[span]
-        return CycleErrors(
-            position=_rms(position),
-            velocity=_rms(run.qd[span, env_index] - run.qd_d[span]),
-            joints=float(np.sqrt(np.square(position).mean())),
-            tip=float(np.sqrt(np.square(distance[span, env_index]).mean())),
-            tip_peak=float(distance[span, env_index].max()),
-            mass_error=float(np.abs(run.mass[span, env_index] - mass).max()),
-            mass_estimate=float(run.mass[span, env_index][-1]),
-        )
+        return {
+            "position": _rms(position),  # of each joint, rad
+            "velocity": _rms(run.qd[span, env_index] - run.qd_d[span]),  # of each joint, rad/s
+            "joints": float(np.sqrt(np.square(position).mean())),  # of all five angles together, rad
+            "tip": float(np.sqrt(np.square(distance[span, env_index]).mean())),  # distance from the reference, m
+            "tip_peak": distance[span, env_index].max(),  # the largest, m
+            "mass_error": np.abs(run.mass[span, env_index] - mass).max(),  # the largest, kg
+            "mass_estimate": run.mass[span, env_index][-1],  # at the end of the cycle, kg
+        }
 
 
 def _rms(errors: Array) -> Array:
