@@ -35,7 +35,7 @@ COMMANDS = {
 }
 
 DESCRIPTION = """\
-Planar robot arms with real physics, beside the planners that solve them.
+Simulated planar robot arms, with classical planners and PPO agents for the same tasks.
 
   planarm benchmark                                         the leaderboard, in two minutes
   planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
@@ -45,7 +45,11 @@ Planar robot arms with real physics, beside the planners that solve them.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code: 0, 2 for an error of the user, 130 after Ctrl-C."""
+    """Run the command line; the exit code: 0, 2 for an error of the user, 130 after Ctrl-C.
+
+    A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
+    DependencyNotInstalled that names the missing extra, before its first episode or training step.
+    """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given == ["--version"]:
         print(f"planarm {metadata.version('planarm')}")

@@ -19,21 +19,13 @@ _MARKDOWN_WIDTH = 10_000
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a title above and a caption below.
+    """A table with a title above and a caption below."""
 
-    Attributes:
-        title: may be empty.
-        headers: of the columns.
-        rows: one cell a column.
-        caption: what its numbers are; may be empty.
-        text_columns: how many of the first columns hold text, which is aligned to the left.
-    """
-
-    title: str
-    headers: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    caption: str = ""
-    text_columns: int = 1
+    title: str  # may be empty
+    headers: Sequence[str]  # of the columns
+    rows: Sequence[Sequence[str]]  # one cell a column
+    caption: str = ""  # what its numbers are; may be empty
+    text_columns: int = 1  # how many of the first columns hold text, which is aligned to the left
 
     def show(self, console: Console | None = None) -> None:
         """Print it to a console, stdout if none is given."""

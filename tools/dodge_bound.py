@@ -1,8 +1,8 @@
-"""What is possible in ObstacleDodge-v0: for each seed whether a motion exists at all, and how soon it is at the goal.
+"""The bound of ObstacleDodge-v0: for each seed whether a collision-free motion exists, and its least time to the goal.
 
-``python -m tools.dodge_bound`` searches with the discs' whole paths before its eyes (:mod:`planners.motion.spacetime`),
-within the limits that planners are given (half of the arm's acceleration), and writes
-``envs/obstacle_dodge/bound.json`` with the recipe. Ctrl-C keeps what is done, and the next run goes on from there.
+``python -m tools.dodge_bound`` searches for the earliest collision-free motion with the discs' whole paths known
+(:mod:`planners.motion.spacetime`), within the limits that planners are given (half of the arm's acceleration), and
+writes ``envs/obstacle_dodge/bound.json`` with the recipe. Ctrl-C keeps what is done, and the next run continues there.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class DodgeBoundOptions:
     seeds: int = 1000
     """How many, from 0."""
     out: Path = FILE
-    """Where to store the result; what is there is gone on from, if it was made in the same way."""
+    """Where to store the result; a result there that was made in the same way is continued."""
 
 
 def main(options: DodgeBoundOptions) -> None:
@@ -55,7 +55,7 @@ def main(options: DodgeBoundOptions) -> None:
                         progress.advance(task)
                 write_json(options.out, vars(bounds))
         except KeyboardInterrupt:
-            note(f"stopped; run again to go on from seed {len(bounds.verdicts)}")
+            note(f"stopped; run again to continue from seed {len(bounds.verdicts)}")
         finally:
             write_json(options.out, vars(bounds))
     note(summary(bounds))

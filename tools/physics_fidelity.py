@@ -28,19 +28,12 @@ TRIPLE_PENDULUM = replace(PLANAR_3R, name="triple pendulum", gravity=9.81)
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the fidelity table.
+    """One line of the fidelity table."""
 
-    Attributes:
-        physics_step: s.
-        pymunk_defaults: whether joints and reading are left as Pymunk has them.
-        two_link_error: worst joint-angle error of the two-link arm over 3 s, rad.
-        energy_error: worst energy error of the triple pendulum over 10 s, as a share of what it exchanges.
-    """
-
-    physics_step: float
-    pymunk_defaults: bool
-    two_link_error: float
-    energy_error: float
+    physics_step: float  # s
+    pymunk_defaults: bool  # whether joints and reading are left as Pymunk has them
+    two_link_error: float  # worst joint-angle error of the two-link arm over 3 s, rad
+    energy_error: float  # worst energy error of the triple pendulum over 10 s, as a share of what it exchanges
 
 
 class SimulatedArm:

@@ -57,19 +57,12 @@ class ReleaseOptions:
 
 @dataclass(frozen=True)
 class Candidate:
-    """The best agent of a run.
+    """The best agent of a run."""
 
-    Attributes:
-        curve: of its run.
-        agent: the agent.
-        selection: scores on the episodes that select.
-        held_out: scores on those that do not.
-    """
-
-    curve: Curve
-    agent: Agent
-    selection: Scores
-    held_out: Scores
+    curve: Curve  # of its run
+    agent: Agent  # the agent
+    selection: Scores  # scores on the episodes that select
+    held_out: Scores  # scores on those that do not
 
     @property
     def seed(self) -> int:

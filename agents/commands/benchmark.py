@@ -53,11 +53,7 @@ class BenchmarkOptions:
     """Write every episode, with versions and seeds, to this file."""
 
     def resolve(self) -> BenchmarkConfig:
-        """The configuration with the changes of the command line.
-
-        Raises:
-            ValueError: for an unknown configuration, task or value.
-        """
+        """The configuration with the changes of the command line."""
         config = load_config(self.config, BenchmarkConfig)
         changes: dict[str, Any] = {
             name: getattr(self, name)
@@ -83,20 +79,12 @@ def _without_other_experts(policies: Sequence[str], env_id: str) -> tuple[str, .
 
 
 def run(options: BenchmarkOptions) -> int:
-    """Run the benchmark, print the leaderboard, write the JSON; the exit code.
-
-    Raises:
-        ValueError: for anything unknown or impossible, before the first episode.
-    """
+    """Run the benchmark, print the leaderboard, write the JSON; the exit code."""
     return run_and_print(Benchmark(options.resolve()), options.json)
 
 
 def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
-    """Run a benchmark with a progress bar, print its tables, write every episode to ``json``; the exit code.
-
-    Raises:
-        ValueError: as `run`.
-    """
+    """Run a benchmark with a progress bar, print its tables, write every episode to ``json``; the exit code."""
     started = datetime.now(UTC)
     if json is not None:
         json.parent.mkdir(parents=True, exist_ok=True)

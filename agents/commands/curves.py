@@ -41,8 +41,7 @@ class CurvesOptions:
     by: str = "warm_start"
     """The setting to group by; dots lead into nested ones, as in warm_start.episodes."""
     against: Literal["seconds", "steps"] = "seconds"
-    """What the picture's curves run against: seconds of training, of which a warm start takes its part, or control
-    steps."""
+    """Horizontal axis of the picture: seconds of training, the warm start included, or control steps."""
     metrics: tuple[str, ...] = ()
     """Columns of metrics.csv, a panel each; by default success, return and what the task is measured by."""
     plot: Path | None = None
@@ -52,15 +51,17 @@ class CurvesOptions:
 
 
 def run(options: CurvesOptions) -> int:
-    """Print the table and draw the picture; the exit code.
-
-    Raises:
-        ValueError: for folders that hold no runs, runs of different environments or the same run twice, or an unknown
-            setting, metric or file format.
-        ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
-    """
-    _check(options)
-    waiting = [folder for folder in options.runs if _has_no_rows(folder)]
+    """Print the table and draw the picture; the exit code."""
+    if not options.runs:
+        raise ValueError("no runs: give the folders of at least one, such as runs/*")
+    resolved = [folder.resolve() for folder in options.runs]
+    if len(set(resolved)) < len(resolved):
+        twice = next(folder for folder in resolved if resolved.count(folder) > 1)
+        raise ValueError(f"{twice} is given twice")
+    check_picture(options.plot, options.dpi)
+    waiting = [
+        folder for folder in options.runs if (folder / "config.yaml").exists() and not (folder / "metrics.csv").exists()
+    ]
     curves = [read_curve(folder) for folder in options.runs if folder not in waiting]
     without = ", ".join(map(str, waiting))
     if not curves:
@@ -93,14 +94,10 @@ def final_scores(title: str, groups: Groups, metrics: Sequence[Metric]) -> Table
     """The final scores of each group, and those of the best expert."""
     rows = [(label, *_group_cells(curves, metrics)) for label, curves in groups.items()]
     everything = [curve for curves in groups.values() for curve in curves]
-    experts = [
-        (
-            f"{curve.expert} (expert)",
-            *[""] * 4,
-            *(_spread([metric.factor * curve.columns[f"expert_{metric.key}"][-1]]) for metric in metrics),
-        )
-        for curve in everything
-    ]
+    experts = []
+    for curve in everything:
+        scores = (metric.factor * curve.columns[f"expert_{metric.key}"][-1] for metric in metrics)
+        experts.append((f"{curve.expert} (expert)", *[""] * 4, *map(short_text, scores)))
     titles = [f"final {metric.title}" for metric in metrics]
     headers = ("runs", "seeds", "steps", "seconds", "best success (%)", *titles)
     return Table(title, headers, [*rows, *dict.fromkeys(experts)], " ".join(_caption(groups, everything)))
@@ -130,23 +127,7 @@ def _caption(groups: Groups, everything: Sequence[Curve]) -> Iterator[str]:
         yield "The runs' environments have different settings: returns may not compare."
 
 
-def _check(options: CurvesOptions) -> None:
-    if not options.runs:
-        raise ValueError("no runs: give the folders of at least one, such as runs/*")
-    resolved = [folder.resolve() for folder in options.runs]
-    if len(set(resolved)) < len(resolved):
-        twice = next(folder for folder in resolved if resolved.count(folder) > 1)
-        raise ValueError(f"{twice} is given twice")
-    check_picture(options.plot, options.dpi)
-
-
-def _has_no_rows(folder: Path) -> bool:
-    """Whether a folder is that of a run which has not been evaluated yet."""
-    return (folder / "config.yaml").exists() and not (folder / "metrics.csv").exists()
-
-
 def _spread(values: Sequence[float], text: Callable[[float], str] = short_text) -> str:
     """Mean of a value of each seed, the least and the greatest."""
-    ends = (float(np.mean(values)), min(values), max(values))
-    mean, low, high = map(text, ends)
+    mean, low, high = map(text, (float(np.mean(values)), min(values), max(values)))
     return mean if low == high else f"{mean} ({low} to {high})"

@@ -36,7 +36,7 @@ class EvaluateOptions:
     """Name of an expert, with +adaptive to estimate the payload; agent for the one that comes with planarm; or the path
     of a run, an agent or a .zip."""
     env: str | None = None
-    """Id of the environment; agents that were trained here know theirs."""
+    """Id of the environment; may be left out for planarm's own agents, whose files name it."""
     episodes: int = 100
     """How many."""
     seed: int = 0
@@ -53,11 +53,7 @@ class EvaluateOptions:
     """Load a Stable-Baselines3 .zip although any code in it is run."""
 
     def resolve(self) -> Benchmark:
-        """The evaluation as a benchmark of one task.
-
-        Raises:
-            ValueError: for an unknown policy, environment, setting or value.
-        """
+        """The evaluation as a benchmark of one task."""
         env_id = self._env_id()
         settings = {
             "episodes": self.episodes,
@@ -76,14 +72,10 @@ class EvaluateOptions:
             envs.task_card(self.env)  # raises for an unknown id
             return self.env
         if is_expert(self.policy) or self.policy == SHIPPED or self.policy.endswith(".zip"):
-            raise ValueError(f"on which environment? Give --env, one of {', '.join(envs.env_ids())}")
+            raise ValueError(f"no environment: give --env, one of {', '.join(envs.env_ids())}")
         return load_agent(self.policy).env_id
 
 
 def run(options: EvaluateOptions) -> int:
-    """Evaluate and print; the exit code.
-
-    Raises:
-        ValueError: for anything unknown or impossible, before the first episode.
-    """
+    """Evaluate and print; the exit code."""
     return run_and_print(options.resolve(), options.json)

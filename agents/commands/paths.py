@@ -47,13 +47,13 @@ agent --seed 12 --plot docs/paths_excavator_payload.png
 
 
 def run(options: PathsOptions) -> int:
-    """Run the episodes; the exit code.
-
-    Raises:
-        ValueError: for an unknown environment, policy or file format, or a bad number, before anything runs.
-        ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
-    """
-    _check(options)
+    """Run the episodes; the exit code."""
+    picture_of(options.env)  # raises for an environment without one
+    if not 1 <= len(options.policies) <= 4:
+        raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
+    if options.seed < 0:
+        raise ValueError(f"seed {options.seed} must not be negative")
+    check_picture(options.plot, options.dpi)
     policies = [find_policy(name, options.env) for name in options.policies]
     scenario = {"scenario": options.scenario}
     records = [record_episode(options.env, named, options.seed, scenario) for named in policies]
@@ -74,12 +74,3 @@ def outcome_table(title: str, records: Sequence[EpisodeRecord]) -> Table:
         numbers += [record.info["limit_ratio"], record.info["return"]]
         rows.append((record.policy, record.outcome.replace("\n", " "), *(f"{number:.6g}" for number in numbers)))
     return Table(title, headers, rows, text_columns=2)
-
-
-def _check(options: PathsOptions) -> None:
-    picture_of(options.env)  # raises for an environment without one
-    if not 1 <= len(options.policies) <= 4:
-        raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
-    if options.seed < 0:
-        raise ValueError(f"seed {options.seed} must not be negative")
-    check_picture(options.plot, options.dpi)

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from agents.console import note
-from agents.figures.sheet import FORMATS, image_bytes, new_sheet
+from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
 from agents.files import write_bytes
 from envs.settings import refuse_unknown
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 def check_picture(plot: Path | None, dpi: int) -> None:
-    """Check that a picture can be drawn, before anything runs.
-
-    Raises:
-        ValueError: for an unknown file format or a bad resolution.
-        ModuleNotFoundError: if a picture is asked for and matplotlib is missing.
-    """
+    """Raise, before anything runs, if a picture that is asked for could not be drawn."""
     if not 40 <= dpi <= 600:
         raise ValueError(f"dpi {dpi} must be from 40 to 600")
     if plot is not None:

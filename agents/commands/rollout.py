@@ -1,4 +1,4 @@
-"""`planarm rollout`: watch or record one episode, and read what became of it."""
+"""`planarm rollout`: show or record one episode, and print its info."""
 
 from __future__ import annotations
 
@@ -61,12 +61,7 @@ class RolloutOptions:
 
 
 def run(options: RolloutOptions) -> int:
-    """Run the episode; the exit code.
-
-    Raises:
-        ValueError: for an unknown environment, policy or file format, before anything runs.
-        gymnasium.error.DependencyNotInstalled: naming the extra that drawing or the file format needs.
-    """
+    """Run the episode; the exit code."""
     envs.task_card(options.env)  # raises for an unknown id
     if options.seed < 0:
         raise ValueError(f"seed {options.seed} must not be negative")

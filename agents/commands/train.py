@@ -38,7 +38,7 @@ class TrainOptions:
     changes: tyro.conf.Positional[tuple[str, ...]] = ()
     """key=value for each setting to change; dots lead into nested ones, values are YAML."""
     seed: int | None = None
-    """Of everything."""
+    """Seed of all random number generators of the run."""
     total_steps: int | None = None
     """Control steps of all environments together."""
     out: Path | None = None
@@ -47,26 +47,17 @@ class TrainOptions:
     """Folder of a run to continue; none of its settings can be changed."""
 
     def resolve(self) -> TrainingConfig:
-        """The configuration with the changes of the command line.
-
-        Raises:
-            ValueError: for an unknown configuration, setting or value.
-        """
+        """The configuration with the changes of the command line."""
         if self.config is None:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a run to --resume")
         named = [f"{name}={value}" for name in ("seed", "total_steps") if (value := getattr(self, name)) is not None]
         return load_config(self.config, TrainingConfig).overridden([*self.changes, *named])
 
     def make_run(self) -> TrainingRun:
-        """The run to go on with, or a new one.
-
-        Raises:
-            ValueError: for options that do not go together, or that a run cannot begin with.
-            ModuleNotFoundError: without the `rl` extra.
-        """
+        """The run to continue, or a new one."""
         if self.resume is not None:
             if self.config is not None or self.seed is not None or self.total_steps is not None or self.out is not None:
-                raise ValueError("--resume takes no other options: a run goes on with what it began with")
+                raise ValueError("--resume takes no other options: a run keeps the settings that it began with")
             return _runs().resume(self.resume)
         config = self.resolve()
         name = f"{config.env}-{datetime.now():%Y%m%d-%H%M%S}-seed{config.seed}"
@@ -74,12 +65,7 @@ class TrainOptions:
 
 
 def run(options: TrainOptions) -> int:
-    """Train; the exit code.
-
-    Raises:
-        ValueError: for anything unknown or impossible, before the first step.
-        ModuleNotFoundError: without the `rl` extra.
-    """
+    """Train; the exit code."""
     training = options.make_run()
     if not _train_with_bar(training):
         note(f"stopped; continue from {training.steps:,} steps: planarm train --resume {training.folder}")

@@ -28,17 +28,12 @@ WARM_UP = 2
 class Benchmark:
     """A benchmark: `results` holds what is finished, also after an interruption.
 
-    Attributes:
-        config: what to run.
-        compared: policies that are compared with all others in pairs; if None, those that are no experts.
-        allow_code: whether models of Stable-Baselines3 may be loaded.
-        results: one a task.
-        complete: whether all is done.
+    ``compared`` names the policies that are compared with all others in pairs; if None, those that are no experts.
     """
 
     config: BenchmarkConfig
     compared: tuple[str, ...] | None = None
-    allow_code: bool = False
+    allow_code: bool = False  # whether models of Stable-Baselines3 may be loaded
     results: list[TaskResult] = field(default_factory=list)
     complete: bool = False
 
@@ -51,16 +46,12 @@ class Benchmark:
         )
 
     def policies(self, task: BenchmarkTask) -> list[NamedPolicy]:
-        """The policies of a task.
-
-        Raises:
-            ValueError: for an unknown policy, or one of another environment.
-        """
+        """The policies of a task; raises as `find_policy`."""
         names = task.policies or self.config.policies
         return [find_policy(name, task.env, allow_code=self.allow_code) for name in names]
 
     def check(self) -> None:
-        """Make every environment and policy once, so that errors are raised before the first episode."""
+        """Make every environment and policy once, so that errors come before the first episode."""
         for task in self.config.tasks:
             envs.task_card(task.env)
             for named in self.policies(task):
@@ -80,12 +71,7 @@ class Benchmark:
                 self._evaluate(task, named, self._seeds(task)[:WARM_UP], progress)
 
     def fill(self, begin: Callable[[str], object], progress: Progress) -> None:
-        """Run everything.
-
-        Args:
-            begin: called with a description of what begins.
-            progress: called with the number of episodes that have just ended.
-        """
+        """Run everything; ``begin`` is called with a description of each evaluation and bound."""
         for task in self.config.tasks:
             seeds, bound = self._seeds(task), envs.task_card(task.env).bound
             result = TaskResult(task, seeds)

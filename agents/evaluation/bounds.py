@@ -1,4 +1,4 @@
-"""The best that is possible: optima that are computed without any policy, for the leaderboard's own row."""
+"""Best known optima per episode, for the bound row of the leaderboard."""
 
 from __future__ import annotations
 

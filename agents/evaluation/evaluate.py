@@ -67,23 +67,14 @@ class EstimatesPayload(Protocol):
 
 @dataclass(frozen=True)
 class Timing:
-    """Where the time went, all environments together.
+    """Where the time went, all environments together."""
 
-    Attributes:
-        env_steps: control steps, summed over environments.
-        plans: plans made; 0 for policies that do not plan.
-        planning_seconds: spent on them.
-        policy_seconds: spent in the policy without planning.
-        env_seconds: spent in the environment's steps.
-        infeasible: plans for which there was no solution.
-    """
-
-    env_steps: int = 0
-    plans: int = 0
-    planning_seconds: float = 0.0
-    policy_seconds: float = 0.0
-    env_seconds: float = 0.0
-    infeasible: int = 0
+    env_steps: int = 0  # control steps, summed over environments
+    plans: int = 0  # plans made; 0 for policies that do not plan
+    planning_seconds: float = 0.0  # spent on them
+    policy_seconds: float = 0.0  # spent in the policy without planning
+    env_seconds: float = 0.0  # spent in the environment's steps
+    infeasible: int = 0  # plans for which there was no solution
 
     @property
     def planning_ms(self) -> float:

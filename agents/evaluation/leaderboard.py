@@ -23,12 +23,8 @@ from planners.typing import Array
 class TaskResult:
     """What is finished of one task.
 
-    Attributes:
-        task: the task.
-        seeds: of its episodes.
-        evaluations: one a policy.
-        bounds: best known values of the bounded metric for the first seeds; None if they are not computed.
-        action_configs: by policy, settings that say what its actions mean, where they are not the task's.
+    ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
+    ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's.
     """
 
     task: BenchmarkTask

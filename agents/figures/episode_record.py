@@ -22,35 +22,20 @@ Info = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class EpisodeRecord:
-    """One episode of one policy; samples are at the start and at the end of each control period.
-
-    Attributes:
-        policy: its name.
-        env_id: id of the environment.
-        picture: what figures of the task show.
-        arm: the robot.
-        t: time since the start, ``(samples,)``, s.
-        joints: positions of the joints from the base on, and of the hand, ``(samples, n + 1, 2)``, m.
-        target: where the hand should be, ``(samples, 2)``, m.
-        discs: centres of the discs, ``(samples, discs, 2)``, m; none in tasks without them.
-        radii: of the discs, ``(discs,)``, m.
-        measure: the measure of the picture, ``(samples,)``.
-        tolerance: largest measure that counts as success, if there is one.
-        info: the last one of the episode, with its return and length.
-    """
+    """One episode of one policy; samples are at the start and at the end of each control period."""
 
     policy: str
     env_id: str
-    picture: Picture
+    picture: Picture  # what figures of the task show
     arm: Arm
-    t: Array
-    joints: Array
-    target: Array
-    discs: Array
-    radii: Array
-    measure: Array
-    tolerance: float | None
-    info: Info
+    t: Array  # time since the start, ``(samples,)``, s
+    joints: Array  # positions of the joints from the base on, and of the hand, ``(samples, n + 1, 2)``, m
+    target: Array  # where the hand should be, ``(samples, 2)``, m
+    discs: Array  # centres of the discs, ``(samples, discs, 2)``, m; none in tasks without them
+    radii: Array  # of the discs, ``(discs,)``, m
+    measure: Array  # the measure of the picture, ``(samples,)``
+    tolerance: float | None  # largest measure that counts as success, if there is one
+    info: Info  # the last one of the episode, with its return and length
 
     @property
     def duration(self) -> float:
@@ -86,11 +71,7 @@ def picture_of(env_id: str) -> Picture:
 
 
 def record_episode(env_id: str, named: NamedPolicy, seed: int, options: Info) -> EpisodeRecord:
-    """Run one episode of a policy and record what a picture of it needs.
-
-    Raises:
-        ValueError: for a seed or options that the environment does not know, or a task without a picture.
-    """
+    """Run one episode of a policy and record what a picture of it needs; raises as `picture_of`."""
     picture = picture_of(env_id)
     with closing(gym.make(env_id, **named.settings({}))) as env:
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]

@@ -121,8 +121,8 @@ def facts(published: Sequence[Record], searches: Sequence[Record]) -> Iterator[F
     ratios = {model: pi[model, algorithm2] / pi[model, algorithm1] for model in MODELS}
     ratio = PUBLISHED_PI["polynomial"] / PUBLISHED_PI["lagrange"]
     yield Fact(
-        f"The published PI, {PUBLISHED_PI['lagrange']} and {PUBLISHED_PI['polynomial']} (ratio {ratio:.3f}), do not "
-        "come out of the printed motions. Which of the two is smaller does: the ratio is "
+        f"The published PI, {PUBLISHED_PI['lagrange']} and {PUBLISHED_PI['polynomial']} (ratio {ratio:.3f}), are "
+        "not reproduced by the printed motions; only their order is: the ratio is "
         + ", ".join(f"{value:.3f} with {model}" for model, value in ratios.items())
         + ".",
         {"published_ratio": ratio, "ratios": ratios},

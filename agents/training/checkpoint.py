@@ -24,17 +24,11 @@ RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
 
 @dataclass
 class RunState:
-    """All state that crosses the boundary of a segment, besides networks and optimizer.
+    """All state that crosses the boundary of a segment, besides networks and optimizer."""
 
-    Attributes:
-        steps: control steps so far.
-        seconds: of training so far, without evaluations.
-        rows: of metrics.csv so far.
-    """
-
-    steps: int = 0
-    seconds: float = 0.0
-    rows: list[Row] = field(default_factory=list)
+    steps: int = 0  # control steps so far
+    seconds: float = 0.0  # of training so far, without evaluations
+    rows: list[Row] = field(default_factory=list)  # of metrics.csv so far
 
 
 def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:

@@ -22,19 +22,12 @@ Groups = dict[str, list["Curve"]]
 
 @dataclass(frozen=True)
 class Curve:
-    """Scores of a training run, checkpoint by checkpoint.
-
-    Attributes:
-        folder: of the run.
-        config: its settings.
-        expert: name of the best expert on the same episodes.
-        columns: numbers of metrics.csv, ``(checkpoints,)`` each; +inf: never.
-    """
+    """Scores of a training run, checkpoint by checkpoint."""
 
     folder: Path
     config: TrainingConfig
-    expert: str
-    columns: dict[str, Array]
+    expert: str  # name of the best expert on the same episodes
+    columns: dict[str, Array]  # numbers of metrics.csv, ``(checkpoints,)`` each; +inf: never
 
     @property
     def finished(self) -> bool:

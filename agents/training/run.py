@@ -36,39 +36,26 @@ from envs.settings import refuse_unknown
 
 @dataclass
 class Watcher:
-    """Callbacks of a run.
+    """Callbacks of a run."""
 
-    Attributes:
-        begin: called with a line about what begins.
-        step: called with the number of control steps so far.
-        evaluated: called with the new row of metrics.csv.
-        stop: says whether to end the run after the current control step.
-    """
+    begin: Callable[[str], object] = lambda line: None  # called with a line about what begins
+    step: Callable[[int], object] = lambda steps: None  # called with the number of control steps so far
+    evaluated: Callable[[Row], object] = lambda row: None  # called with the new row of metrics.csv
+    stop: Callable[[], bool] = lambda: False  # says whether to end the run after the current control step
 
-    begin: Callable[[str], object] = lambda line: None
-    step: Callable[[int], object] = lambda steps: None
-    evaluated: Callable[[Row], object] = lambda row: None
-    stop: Callable[[], bool] = lambda: False
-
-    def goes_on(self, line: str) -> bool:
-        """Report a line; whether the run continues."""
+    def report(self, line: str) -> bool:
+        """Report a line; return whether to continue."""
         self.begin(line)
         return not self.stop()
 
 
 @dataclass
 class TrainingRun:
-    """A run in a folder.
+    """A run in a folder."""
 
-    Attributes:
-        folder: of everything that it writes.
-        config: its settings.
-        state: at the last checkpoint.
-    """
-
-    folder: Path
+    folder: Path  # of everything that it writes
     config: TrainingConfig
-    state: RunState = field(default_factory=RunState)
+    state: RunState = field(default_factory=RunState)  # at the last checkpoint
 
     @classmethod
     def begin(cls, folder: Path, config: TrainingConfig, command: str) -> TrainingRun:
@@ -77,17 +64,17 @@ class TrainingRun:
         Raises:
             ValueError: if the folder is not empty, or the configuration names something that does not exist.
         """
-        _check(config)
+        fine_elements(config, layout_of(config.env, config.env_config))
+        refuse_unknown(config.baselines, expert_names(config.env), "expert")
+        if config.warm_start:
+            with closing(gym.make(config.env, **config.env_config)) as env:
+                envs.make_expert(config.warm_start.expert, env)
         write_origin(folder, config, command)
         return cls(folder, config)
 
     @classmethod
     def resume(cls, folder: Path) -> TrainingRun:
-        """The run in a folder, as it was at its last checkpoint.
-
-        Raises:
-            ValueError: if there is no run.
-        """
+        """The run in a folder, as it was at its last checkpoint; a ValueError if there is none."""
         return cls(folder, load_config(str(folder / "config.yaml"), TrainingConfig))
 
     @property
@@ -125,7 +112,7 @@ class TrainingRun:
         before = perf_counter()
         seed_everything(self.config.seed, 0)
         for warm_start in (dagger, amortise):
-            if not warm_start(model.policy, self.config, env_seed(self.config.seed, 0), watcher.goes_on):
+            if not warm_start(model.policy, self.config, env_seed(self.config.seed, 0), watcher.report):
                 return False
         self.state.seconds += perf_counter() - before
         self._checkpoint(model, baseline, watcher)
@@ -174,15 +161,6 @@ class _WatcherCallback(BaseCallback):  # type: ignore[misc]
         self.watcher.step(self.num_timesteps)
         self.stopped = self.watcher.stop()
         return not self.stopped
-
-
-def _check(config: TrainingConfig) -> None:
-    """Raise a ValueError if the configuration names something that does not exist, before anything is written."""
-    fine_elements(config, layout_of(config.env, config.env_config))
-    refuse_unknown(config.baselines, expert_names(config.env), "expert")
-    if config.warm_start:
-        with closing(gym.make(config.env, **config.env_config)) as env:
-            envs.make_expert(config.warm_start.expert, env)
 
 
 def _make_env(config: TrainingConfig) -> NativeVecEnv:

@@ -46,7 +46,7 @@ def test_an_agent_knows_its_environment_and_is_compared_in_pairs(
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["dpct"], "on which environment? Give --env, one of ConveyorTrack-v0"),
+        (["dpct"], "no environment: give --env, one of ConveyorTrack-v0"),
         (["dpct", "--env", "ConveyorTrak-v0"], 'did you mean "ConveyorTrack-v0"'),
         (["dpc", "--env", "ConveyorTrack-v0"], 'did you mean "dpct"'),
         (["dpct", "--env", "ConveyorTrack-v0", "--settings", "paylod=1"], 'did you mean "payload"'),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from paper_results import Regenerate
 
-from agents.papers.excavator.runs import CASES, CONTROLLERS, ROUGH_PAYLOADS
+from agents.papers.excavator.runs import CASES, CONTROLLERS, MISMATCHED_PAYLOADS
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def test_every_table_is_complete(document: dict[str, Any]) -> None:
         (title, mass) for title in titles for mass in (0.0, 350.0)
     ]
     assert [(row["controller"], row["percent"], row["case"]) for row in document["rough"]] == [
-        (title, percent, case.title) for title in titles for percent in ROUGH_PAYLOADS for case in CASES
+        (title, percent, case.title) for title in titles for percent in MISMATCHED_PAYLOADS for case in CASES
     ]
 
 
@@ -37,10 +37,10 @@ def test_errors_agree_with_one_another(document: dict[str, Any]) -> None:
         assert abs(errors["mass_estimate"] - row["mass"]) <= errors["mass_error"]
 
 
-def test_nothing_unknown_is_the_payload_table_again(document: dict[str, Any]) -> None:
+def test_the_nominal_case_is_the_payload_table_again(document: dict[str, Any]) -> None:
     heavy = {row["controller"]: row for row in document["payloads"] if row["percent"] == 10.0}
     for row in document["rough"]:
-        if row["percent"] == 10.0 and row["case"] == "nothing":
+        if row["percent"] == 10.0 and row["case"] == "nominal":
             assert row["last"]["joints"] == pytest.approx(heavy[row["controller"]]["last"]["joints"], rel=1e-9)
 
 

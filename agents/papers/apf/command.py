@@ -39,7 +39,7 @@ SCENE_COLUMNS: Columns = {
 }
 RANDOM_CAPTION = (
     "In range: joint angles within their limits all the way. Gained: reached here but not with the static distance and "
-    "the same wall; lost: the other way round"
+    "the same wall; lost: not reached here, but with the static distance and the same wall"
 )
 RANDOM_SHARES = ("reached", "in_range", "gained", "lost", "hand_hit", "link_hit", "local_minimum", "late")
 

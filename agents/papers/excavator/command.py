@@ -17,7 +17,7 @@ import numpy as np
 from agents.console import progress_bar
 from agents.papers.excavator.facts import facts
 from agents.papers.excavator.figures import figure
-from agents.papers.excavator.runs import CONTROLLERS, NOMINAL, ROUGH_CONDITIONS, ROUGH_PAYLOADS, Trial
+from agents.papers.excavator.runs import CONTROLLERS, MISMATCHED_CONDITIONS, MISMATCHED_PAYLOADS, NOMINAL, Trial
 from agents.papers.report import Record, Report, ReportOptions, joined, publish
 from agents.tables import Table
 from planners.excavator import EXCAVATOR
@@ -64,11 +64,11 @@ def run(options: PaperExcavatorOptions) -> None:
     with progress_bar("cycles") as bar:
         progress = partial(bar.advance, bar.add_task("simulating", total=2 * trial.cycles * len(CONTROLLERS)))
         payloads = list(trial.records([(percent, NOMINAL) for percent in options.payloads], progress))
-        rough = list(trial.records(ROUGH_CONDITIONS, progress))
-    tables = [*_payload_tables(payloads, trial.cycles), *_rough_tables(rough)]
-    records = {"payloads": payloads, "rough": rough}
+        mismatched = list(trial.records(MISMATCHED_CONDITIONS, progress))
+    tables = [*_payload_tables(payloads, trial.cycles), *_mismatch_tables(mismatched)]
+    records = {"payloads": payloads, "rough": mismatched}
     draw = partial(figure, trial, options.payloads)
-    publish(Report(tables, list(facts(payloads, rough)), records, draw), options)
+    publish(Report(tables, list(facts(payloads, mismatched)), records, draw), options)
 
 
 def _payload_tables(rows: Sequence[Record], cycles: int) -> Iterator[Table]:
@@ -106,12 +106,12 @@ def _payload_tables(rows: Sequence[Record], cycles: int) -> Iterator[Table]:
     )
 
 
-def _rough_tables(rows: Sequence[Record]) -> Iterator[Table]:
+def _mismatch_tables(rows: Sequence[Record]) -> Iterator[Table]:
     """Controllers by the arm's differences from their model, for each payload."""
-    for percent in ROUGH_PAYLOADS:
+    for percent in MISMATCHED_PAYLOADS:
         shown = [row for row in rows if row["percent"] == percent]
         yield _pivot(
-            f"What the controller does not know, {shown[0]['mass']:g} kg: joints, deg / tip, mm, RMS, last cycle",
+            f"Model mismatch, {shown[0]['mass']:g} kg: joints, deg / tip, mm, RMS, last cycle",
             shown,
             "{case}".format_map,
             lambda row: f"{_degrees(row['last']):.4f} / {1e3 * row['last']['tip']:.1f}",

@@ -24,7 +24,7 @@ from planners.typing import Array
 POSTURES = 10_000
 
 
-def facts(payloads: Sequence[Record], rough: Sequence[Record]) -> Iterator[Fact]:
+def facts(payloads: Sequence[Record], mismatched: Sequence[Record]) -> Iterator[Fact]:
     """All facts, from the records of :mod:`agents.papers.excavator.runs`."""
     own = _of(payloads, DEFAULT, NOMINAL)
     if loaded := [row for row in own if row["mass"]]:
@@ -58,15 +58,15 @@ def facts(payloads: Sequence[Record], rough: Sequence[Record]) -> Iterator[Fact]
         {"joints": joints, "tip": tip},
     )
 
-    _, share = _shares(rough, DEFAULT, INTEGRAL, ALL_TOGETHER)
-    tip = max(row["last"]["tip"] for row in _of(rough, DEFAULT, ALL_TOGETHER))
+    _, share = _shares(mismatched, DEFAULT, INTEGRAL, ALL_TOGETHER)
+    tip = max(row["last"]["tip"] for row in _of(mismatched, DEFAULT, ALL_TOGETHER))
     yield Fact(
         f"{DEFAULT.title}, all together: at most {_percent(share)} of the error of computed torque with an integral "
         f"(wanted: a third), {1e3 * tip:.1f} mm at the tip (5).",
         {"last_of_integral": share, "tip": tip},
     )
 
-    heaviest = {entry: _of(rough, entry, CENTRE_OFF)[-1] for entry in (PAPER, INTEGRAL, DEFAULT)}
+    heaviest = {entry: _of(mismatched, entry, CENTRE_OFF)[-1] for entry in (PAPER, INTEGRAL, DEFAULT)}
     errors = {entry.title: float(np.degrees(row["last"]["joints"])) for entry, row in heaviest.items()}
     offset = ", ".join(f"{value:g}" for value in CENTRE_OFF.offset)
     yield Fact(

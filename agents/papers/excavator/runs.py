@@ -17,7 +17,7 @@ from planners.typing import Array
 
 Progress = Callable[[], object]
 """Called after every simulated cycle."""
-ROUGH_PAYLOADS = (2.0, 10.0)
+MISMATCHED_PAYLOADS = (2.0, 10.0)
 """% of the rated load, in the runs on arms that differ from the controller's model."""
 
 
@@ -57,7 +57,7 @@ class Case:
 
 
 NOISE, LINKS = (1e-4, 5e-3), (1.05, 0.95, 1.05, 0.95, 1.05)
-NOMINAL = Case("nothing")
+NOMINAL = Case("nominal")
 CENTRE_OFF = Case("centre off", offset=(0.10, 0.15, 0.0))
 ALL_TOGETHER = Case("all together", lag=0.03, noise=NOISE, friction=1.5, offset=(0.05, 0.08, 0.03), links=LINKS)
 CASES = (
@@ -74,7 +74,7 @@ CASES = (
 
 Conditions = Sequence[tuple[float, Case]]
 """Payload, % of the rated load, and case of each environment."""
-ROUGH_CONDITIONS = [(percent, case) for percent in ROUGH_PAYLOADS for case in CASES]
+MISMATCHED_CONDITIONS = [(percent, case) for percent in MISMATCHED_PAYLOADS for case in CASES]
 
 
 @dataclass(frozen=True)
