@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from envs.observation import Observation
 from envs.task import Task
 from planners import Arm
-from planners.control import PayloadScale, PlanarArmModel, Weighing
+from planners.control import LeastSquaresSums, PayloadEstimator, PlanarArmModel
 from planners.typing import Array
 
 _NEEDED = ("joint_position", "joint_velocity", "joint_acceleration", "time_left")
@@ -26,20 +26,20 @@ class Knowledge:
 
     Attributes:
         expert: the state of the expert itself.
-        weighing: what the samples so far say about the payloads.
+        sums: of the payload estimate.
         tau: torques of the last action, ``(num_envs, n)``, N m.
         due: control periods left at the next observation, ``(num_envs,)``.
     """
 
     expert: Any
-    weighing: Weighing
+    sums: LeastSquaresSums
     tau: Array
     due: NDArray[np.int64]
 
     @property
     def mass_estimate(self) -> Array:
         """Estimated payloads, ``(num_envs,)``, kg, rounded to grams so that environments can share an arm."""
-        return np.round(self.weighing.mass, _GRAMS)
+        return np.round(self.sums.mass, _GRAMS)
 
     def after(self, tau: Array, expert: Any) -> Knowledge:
         """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
@@ -49,7 +49,7 @@ class Knowledge:
 class PayloadAdaptation:
     """Adaptive computed torque around an expert.
 
-    Every observation holds the mean acceleration under the torques of the last action, from which `PayloadScale`
+    Every observation holds the mean acceleration under the torques of the last action, from which `PayloadEstimator`
     estimates the mass on the hand. Plans, limits and computed torque are those of the arm with that mass. An episode
     begins without payload.
 
@@ -75,7 +75,7 @@ class PayloadAdaptation:
             )
         self._task = task
         period, limit = task.config.control_period, np.array(task.arm.limits.torque)
-        self._scale = PayloadScale(PlanarArmModel(task.arm), limit, period)
+        self._estimator = PayloadEstimator(PlanarArmModel(task.arm), limit, period)
 
     def update(self, observations: Observation, before: Knowledge | None, starts: NDArray[np.bool_]) -> Knowledge:
         """The estimate with new observations.
@@ -90,10 +90,10 @@ class PayloadAdaptation:
         left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
         batch, n = seen["joint_position"].shape
         if before is None or len(before.due) != batch:
-            return Knowledge(None, Weighing.nothing(batch, n), np.zeros((batch, n)), left)
+            return Knowledge(None, LeastSquaresSums.zeros(batch, n), np.zeros((batch, n)), left)
         state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
-        weighing = self._scale.weigh(before.weighing, *state, before.tau).restarted(starts | (before.due != left))
-        return Knowledge(before.expert, weighing, before.tau, left)
+        sums = self._estimator.update(before.sums, *state, before.tau).restarted(starts | (before.due != left))
+        return Knowledge(before.expert, sums, before.tau, left)
 
 
 def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:

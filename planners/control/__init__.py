@@ -17,7 +17,7 @@ from planners.control.laws import (
     SlotineLi,
 )
 from planners.control.model import ArmModel, PlanarArmModel
-from planners.control.payload_estimation import PayloadScale, Weighing
+from planners.control.payload_estimation import LeastSquaresSums, PayloadEstimator
 from planners.control.tracking import Gains, held_torque, held_torque_single, tracking_acceleration
 
 __all__ = [
@@ -30,13 +30,13 @@ __all__ = [
     "Gains",
     "IntegralComputedTorque",
     "IntegralSlotineLi",
+    "LeastSquaresSums",
     "PDGravity",
+    "PayloadEstimator",
     "PayloadPrior",
-    "PayloadScale",
     "PlanarArmModel",
     "Sample",
     "SlotineLi",
-    "Weighing",
     "held_torque",
     "held_torque_single",
     "share_within",

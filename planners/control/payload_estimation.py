@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,12 @@ PRIOR = 1e-9
 
 
 @dataclass(frozen=True)
-class Weighing:
+class LeastSquaresSums:
     """Sums over the samples of each row so far.
 
     Attributes:
-        regressor: filtered torques of a payload of 1 kg, shares of the limits, ``(batch, n)``.
-        residual: filtered torques minus those of the arm without payload, shares of the limits, ``(batch, n)``.
+        regressor, residual: filtered torques of 1 kg of payload, and filtered torques minus those of the arm without
+            payload, shares of the limits, ``(batch, n)``.
         information: sum of the squares of the regressors, 1/kg^2, ``(batch,)``.
         correlation: sum of the products of regressors and residuals, 1/kg, ``(batch,)``.
     """
@@ -34,19 +34,14 @@ class Weighing:
     correlation: Array
 
     @classmethod
-    def nothing(cls, rows: int, n_joints: int) -> Weighing:
+    def zeros(cls, rows: int, n_joints: int) -> LeastSquaresSums:
         """Before the first sample."""
         return cls(np.zeros((rows, n_joints)), np.zeros((rows, n_joints)), np.zeros(rows), np.zeros(rows))
 
-    def restarted(self, rows: NDArray[np.bool_]) -> Weighing:
+    def restarted(self, rows: NDArray[np.bool_]) -> LeastSquaresSums:
         """A copy with the rows of a mask ``(batch,)`` reset."""
-        kept = ~rows
-        return Weighing(
-            self.regressor * kept[:, None],
-            self.residual * kept[:, None],
-            self.information * kept,
-            self.correlation * kept,
-        )
+        regressor, residual = self.regressor * ~rows[:, None], self.residual * ~rows[:, None]
+        return LeastSquaresSums(regressor, residual, self.information * ~rows, self.correlation * ~rows)
 
     @property
     def mass(self) -> Array:
@@ -54,7 +49,7 @@ class Weighing:
         return np.maximum(0.0, self.correlation / (self.information + PRIOR))
 
 
-class PayloadScale:
+class PayloadEstimator:
     """Least squares on the error of the predicted torque.
 
     The torques ``tau`` that were held for a period gave the mean acceleration ``q''`` over it, so in the state at its
@@ -68,24 +63,19 @@ class PayloadScale:
     tracking error (so it serves policies without a reference) and no inverse of the mass matrix.
 
     Args:
-        model: the arm without payload, with the mass as the only parameter.
+        model: the arm without payload, with the mass as the only parameter; otherwise ValueError.
         torque_limit: of each joint, ``(n,)``, N m.
         period: for which torques are held, s.
         cutoff: of the filter, rad/s.
-
-    Raises:
-        ValueError: if the model has several parameters.
     """
 
     def __init__(self, model: ArmModel, torque_limit: Array, period: float, cutoff: float = CUTOFF) -> None:
         if model.n_parameters != 1:
             raise ValueError(f"a model with {model.n_parameters} parameters; give one with the mass alone")
-        self._model = model
-        self._torque_limit = torque_limit
-        self._period = period
+        self._model, self._torque_limit, self._period = model, torque_limit, period
         self._passed = -np.expm1(-cutoff * period)
 
-    def weigh(self, before: Weighing, q: Array, qd: Array, qdd: Array, tau: Array) -> Weighing:
+    def update(self, before: LeastSquaresSums, q: Array, qd: Array, qdd: Array, tau: Array) -> LeastSquaresSums:
         """The sums after another period.
 
         Args:
@@ -100,13 +90,9 @@ class PayloadScale:
         expected = self._model.torque(*state, np.zeros((len(q), 1)))
         regressor = self._filtered(before.regressor, self._model.regressor(*state)[..., 0])
         residual = self._filtered(before.residual, tau - expected)
-        return replace(
-            before,
-            regressor=regressor,
-            residual=residual,
-            information=before.information + (regressor**2).sum(axis=1),
-            correlation=before.correlation + (regressor * residual).sum(axis=1),
-        )
+        information = before.information + (regressor**2).sum(axis=1)
+        correlation = before.correlation + (regressor * residual).sum(axis=1)
+        return LeastSquaresSums(regressor, residual, information, correlation)
 
     def _filtered(self, before: Array, sample: Array) -> Array:
         filtered: Array = before + self._passed * (sample / self._torque_limit - before)

@@ -1,4 +1,4 @@
-"""The planar arm as a model for controllers, and the scale: against the arm itself, closed forms and simulation."""
+"""The planar arm as a model for controllers, and the payload estimator, against the arm, closed forms, simulation."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from planners import PLANAR_3R, SCARA_1M, Arm
 from planners.control import (
     ArmModel,
     ControlSettings,
+    LeastSquaresSums,
+    PayloadEstimator,
     PayloadPrior,
-    PayloadScale,
     PlanarArmModel,
     SlotineLi,
-    Weighing,
 )
 from planners.excavator.plane import planar_model
 from planners.typing import Array
@@ -85,57 +85,59 @@ def test_a_controller_learns_the_payload_of_a_planar_arm() -> None:
     assert np.abs(wanted[0] + period * wanted[1] - q).max() < 0.01
 
 
-class TestScale:
-    """A payload on an arm that is thrown about by random torques."""
+class TestPayloadEstimator:
+    """A payload on an arm driven by random torques."""
 
     period = 0.01
 
-    def weigh(self, arm: Arm, mass: float, steps: int, noise: float = 0.0, cutoff: float = 2.0) -> list[Weighing]:
+    def estimates(
+        self, arm: Arm, mass: float, steps: int, noise: float = 0.0, cutoff: float = 2.0
+    ) -> list[LeastSquaresSums]:
         generator = np.random.default_rng(1)
-        scale = PayloadScale(PlanarArmModel(arm), np.array(arm.limits.torque), self.period, cutoff)
-        known, real = Weighing.nothing(1, arm.n_joints), arm.with_payload(mass)
+        estimator = PayloadEstimator(PlanarArmModel(arm), np.array(arm.limits.torque), self.period, cutoff)
+        sums, real = LeastSquaresSums.zeros(1, arm.n_joints), arm.with_payload(mass)
         q, qd, error = np.ones((1, arm.n_joints)), np.zeros((1, arm.n_joints)), np.zeros((1, arm.n_joints))
-        told = []
+        estimates = []
         for step in range(steps):
             if step % 20 == 0:
                 tau = 0.3 * np.array(arm.limits.torque) * generator.uniform(-1.0, 1.0, (1, arm.n_joints))
             before = qd + error
-            for _ in range(20):  # much finer than the period over which the scale takes the state for even
+            for _ in range(20):  # much finer than the period over which the estimator takes the state as constant
                 qd = qd + self.period / 20 * real.forward_dynamics(q, qd, tau)
                 q = q + self.period / 20 * qd
             error = noise * generator.standard_normal(q.shape)
-            known = scale.weigh(known, q, qd + error, (qd + error - before) / self.period, tau)
-            told.append(known)
-        return told
+            sums = estimator.update(sums, q, qd + error, (qd + error - before) / self.period, tau)
+            estimates.append(sums)
+        return estimates
 
     @pytest.mark.parametrize("mass", [0.0, 0.1, 0.3])
-    def test_it_tells_the_mass_after_one_period(self, mass: float) -> None:
-        told = self.weigh(SCARA_1M, mass, 50)
-        assert told[0].mass[0] == pytest.approx(mass, abs=1e-3)
-        assert told[-1].mass[0] == pytest.approx(mass, abs=1e-3)
+    def test_the_mass_is_estimated_after_one_period(self, mass: float) -> None:
+        estimates = self.estimates(SCARA_1M, mass, 50)
+        assert estimates[0].mass[0] == pytest.approx(mass, abs=1e-3)
+        assert estimates[-1].mass[0] == pytest.approx(mass, abs=1e-3)
 
-    def test_the_filter_is_what_noise_does_not_pass(self) -> None:
-        filtered = self.weigh(SCARA_1M, 0.3, 400, noise=1e-3)[-1].mass[0]
-        unfiltered = self.weigh(SCARA_1M, 0.3, 400, noise=1e-3, cutoff=1e6)[-1].mass[0]
+    def test_the_filter_removes_the_bias_of_noise(self) -> None:
+        filtered = self.estimates(SCARA_1M, 0.3, 400, noise=1e-3)[-1].mass[0]
+        unfiltered = self.estimates(SCARA_1M, 0.3, 400, noise=1e-3, cutoff=1e6)[-1].mass[0]
         assert filtered == pytest.approx(0.3, abs=0.02)
         assert unfiltered < 0.1
 
-    def test_an_arm_at_rest_tells_nothing(self) -> None:
-        scale = PayloadScale(PlanarArmModel(SCARA_1M), np.array(SCARA_1M.limits.torque), self.period)
+    def test_an_arm_at_rest_keeps_the_estimate_of_zero(self) -> None:
+        estimator = PayloadEstimator(PlanarArmModel(SCARA_1M), np.array(SCARA_1M.limits.torque), self.period)
         still = np.zeros((1, 2))
-        assert scale.weigh(Weighing.nothing(1, 2), still + 0.4, still, still, still).mass[0] == 0.0
+        assert estimator.update(LeastSquaresSums.zeros(1, 2), still + 0.4, still, still, still).mass[0] == 0.0
 
     def test_no_mass_is_negative(self) -> None:
         light = replace(SCARA_1M, masses=(1.0, 0.5), coms=(), inertias=())
-        scale = PayloadScale(PlanarArmModel(SCARA_1M), np.array(SCARA_1M.limits.torque), self.period)
+        estimator = PayloadEstimator(PlanarArmModel(SCARA_1M), np.array(SCARA_1M.limits.torque), self.period)
         q, qd, qdd = states(SCARA_1M, 1)
         qd *= 0.1
         middle = qd - 0.5 * self.period * qdd
         tau = light.inverse_dynamics(q, middle, qdd)
-        known = scale.weigh(Weighing.nothing(1, 2), q, qd, qdd, tau)
-        assert known.correlation[0] < 0.0
-        assert known.mass[0] == 0.0
+        sums = estimator.update(LeastSquaresSums.zeros(1, 2), q, qd, qdd, tau)
+        assert sums.correlation[0] < 0.0
+        assert sums.mass[0] == 0.0
 
     def test_several_parameters_are_refused(self) -> None:
         with pytest.raises(ValueError, match="parameters; give one with the mass alone"):
-            PayloadScale(planar_model(moments=True), np.ones(3), self.period)
+            PayloadEstimator(planar_model(moments=True), np.ones(3), self.period)
