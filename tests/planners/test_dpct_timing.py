@@ -303,7 +303,7 @@ def test_a_start_too_fast_to_stop_within_the_range_is_refused() -> None:
 def test_an_arm_that_cannot_hold_its_weight_is_refused() -> None:
     limits = JointLimits(torque=(1.0,), velocity=(2.0,), acceleration=(4.0,))
     heavy = replace(ONE_LINK, gravity=9.81)
-    with pytest.raises(Infeasible, match="torque limits leave nothing"):
+    with pytest.raises(Infeasible, match="static torques use up the torque limits"):
         plan(MotionProblem(arm=heavy, q=np.zeros(1), target=joints(1.0), horizon=8.0, limits=limits))
 
 

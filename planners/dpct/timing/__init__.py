@@ -1,1 +1,1 @@
-"""DPCT among moving discs: along a straight line to a fixed target, timed so that no disc is touched."""
+"""DPCT among moving discs: a straight line to a fixed target, timed so that no disc is touched."""

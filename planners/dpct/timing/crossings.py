@@ -1,8 +1,7 @@
-"""When a line is crossed: an arm that moves on a straight line in joint space, and discs that cross what it sweeps.
+"""Collision constraints of an arm on a straight joint-space line among discs, in the plane of position and time.
 
-A disc is predicted to move with constant velocity, so where the arm is on its line, ``r``, and the time, ``t``, tell
-how far the two are apart. Where that is too little is a forbidden stretch of the plane of r and t, and a timing passes
-before it, behind it, or around it.
+A disc is predicted to keep its velocity, so the clearance is a function of the arm's position ``r`` on the line and the
+time ``t``. Points with too little clearance form a forbidden region of the (r, t) plane, which a timing has to avoid.
 """
 
 from __future__ import annotations
@@ -15,37 +14,30 @@ from numba import njit
 from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
-STAGE = 0.1
-"""Duration of a stage of the dynamic program, s."""
-
-CONTACT = 1000.0
-"""Least price of touching a disc, s: far above that of any delay."""
-
-NEAR, NEARER = 2.0, 8.0
-"""Price of a second just inside the margin, and what is added to it as the clearance falls to nothing."""
-
-BETWEEN = 0.005
-"""Clearance, m, wanted on top of the margin for what it may fall to between the times at which it is looked at."""
+STAGE = 0.1  # duration of a stage of the dynamic program, s
+CONTACT = 1000.0  # least cost of a contact, s: far above that of any delay
+NEAR, NEARER = 2.0, 8.0  # cost per second just below the margin, and its increase as the clearance goes to 0
+BETWEEN = 0.005  # clearance added to the margin, m, for the decrease of clearance between samples
 
 
-class StraightWay(NamedTuple):
-    """A straight line in joint space, and a velocity across it that is shed at a constant rate.
+class StraightLine(NamedTuple):
+    """A straight line in joint space, and a transverse velocity that decays to 0 at a constant deceleration.
 
-    ``q = origin + r direction - across (shed - t)^2 / (2 shed)``, without the last term from ``t = shed`` on.
+    ``q = origin + r direction - across (decay - t)^2 / (2 decay)``, without the last term from ``t = decay`` on.
 
     Attributes:
         origin, direction: joint angles at ``r = 0``, rad, and a unit vector, ``(n,)``.
-        across, shed: joint velocity across the line at time 0, ``(n,)``, rad/s, and when nothing of it is left, s.
+        across, decay: transverse joint velocity at time 0, ``(n,)``, rad/s, and when it is 0, s.
         speed, top_speed, acceleration: along the line: at time 0, and the limits, rad/s and rad/s^2.
-        low, high: where it may come to rest, with the joints within their ranges, rad; NaN if the line is of no use.
-        goal: place to come to rest at, rad; NaN for a line without a goal.
-        held: number of stages in which the speed must stay as it is, because shedding takes all acceleration.
+        low, high: interval of stopping positions within the joint ranges, rad; NaN if the line is infeasible.
+        goal: position to come to rest at, rad; NaN for a line without a goal.
+        held: number of stages of constant speed, because the transverse braking takes all acceleration.
     """
 
     origin: Array
     direction: Array
     across: Array
-    shed: float
+    decay: float
     speed: float
     top_speed: float
     acceleration: float
@@ -56,12 +48,7 @@ class StraightWay(NamedTuple):
 
 
 class ArmLimits(NamedTuple):
-    """What an arm may do, and its dynamics.
-
-    Attributes:
-        table: limits of torque, velocity, acceleration and angle, ``(4, n)``.
-        coupling, weight: `Arm.chain_constants`.
-    """
+    """Limits of torque, velocity, acceleration and angle, ``(4, n)``, and the dynamics (`Arm.chain_constants`)."""
 
     table: Array
     coupling: Array
@@ -74,8 +61,8 @@ class PredictedDiscs(NamedTuple):
     Attributes:
         lengths, base, link_radius: of the arm, m.
         discs: position, velocity and radius of each, ``(discs, 5)``, m and m/s.
-        margin: clearance that is wanted, m.
-        prediction: how long the velocities of the discs are trusted, s.
+        margin: clearance without cost, m.
+        prediction: horizon of the constant-velocity prediction, s.
     """
 
     lengths: Array
@@ -87,10 +74,10 @@ class PredictedDiscs(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def posture(line: StraightWay, r: float, t: float, q: Array) -> None:
-    """Joint angles at place ``r``, rad, and time ``t``, s, written to ``q``, ``(n,)``."""
-    left = max(0.0, line.shed - t)
-    offset = 0.5 * left * left / line.shed if left > 0.0 else 0.0
+def posture(line: StraightLine, r: float, t: float, q: Array) -> None:
+    """Joint angles at position ``r``, rad, and time ``t``, s, written to ``q``, ``(n,)``."""
+    left = max(0.0, line.decay - t)
+    offset = 0.5 * left * left / line.decay if left > 0.0 else 0.0
     for i in range(q.shape[0]):
         q[i] = line.origin[i] + r * line.direction[i] - offset * line.across[i]
 
@@ -107,8 +94,8 @@ def predicted_clearance(scene: PredictedDiscs, q: Array, t: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def price(scene: PredictedDiscs, clearance: float, t: float) -> float:
-    """What a second with this clearance costs, s; for touching `CONTACT` or more, the more the sooner."""
+def clearance_cost(scene: PredictedDiscs, clearance: float, t: float) -> float:
+    """Cost per second at a clearance; in contact at least `CONTACT`, larger the earlier the contact is."""
     wanted = scene.margin + BETWEEN
     if clearance >= wanted:
         return 0.0
@@ -119,12 +106,19 @@ def price(scene: PredictedDiscs, clearance: float, t: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def price_row(
-    scene: PredictedDiscs, line: StraightWay, t: float, first: float, step: float, low: int, high: int, row: Array
-) -> None:
-    """Prices at time ``t`` of the places ``first + step * index`` for the indices from ``low`` to ``high``.
+def cost_at(scene: PredictedDiscs, line: StraightLine, r: float, t: float, q: Array) -> float:
+    """Cost per second at position ``r`` and time ``t``; ``q`` is scratch, ``(n,)``."""
+    posture(line, r, t, q)
+    return clearance_cost(scene, predicted_clearance(scene, q, t), t)
 
-    Clearance changes by no more than the arm moves, so places that are sure to be clear are not looked at.
+
+@njit(cache=True, nogil=True)
+def fill_costs(
+    scene: PredictedDiscs, line: StraightLine, t: float, first: float, step: float, low: int, high: int, row: Array
+) -> None:
+    """Costs per second at time ``t`` at the positions ``first + step * index``, for indices from ``low`` to ``high``.
+
+    Clearance changes by no more than the arm moves, so positions that are sure to be clear are skipped.
     """
     q = np.empty(line.origin.shape[0])
     steepness, outward = 0.0, 0.0
@@ -138,13 +132,13 @@ def price_row(
         clearance = predicted_clearance(scene, q, t)
         if clearance == np.inf:
             return
-        row[index] = price(scene, clearance, t)
+        row[index] = clearance_cost(scene, clearance, t)
         index += 1 + int(max(0.0, clearance - scene.margin - BETWEEN) / (steepness * step))
 
 
 @njit(cache=True, nogil=True)
 def first_contact(scene: PredictedDiscs, t: Array, q: Array) -> float:
-    """When the postures ``q``, ``(samples, n)``, at times ``t`` first touch a disc, s; inf if they do not."""
+    """Time of the first contact of the postures ``q``, ``(samples, n)``, at times ``t``, s; inf if there is none."""
     for sample in range(t.shape[0]):
         if t[sample] > scene.prediction:
             break

@@ -1,4 +1,4 @@
-"""From a state of motion to a straight line in joint space: what of the velocity leads along it, and what across."""
+"""The straight joint-space line from the present state: splits the velocity into parts along and across the line."""
 
 from __future__ import annotations
 
@@ -7,77 +7,67 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.dpct.timing.crossings import STAGE, ArmLimits, StraightWay
+from planners.dpct.timing.crossings import STAGE, ArmLimits, StraightLine
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 GENTLE = 0.05
-"""Share of the acceleration limits that may shed a small velocity across the line while the motion goes on."""
+"""Share of the acceleration limits for braking a small transverse velocity during the motion along the line."""
 
-GENTLE_STAGES = 3
-"""Number of stages in which a velocity across the line has to be shed to count as small."""
-
-ROUNDS = 3
-"""Rounds of the fixed point: the way left decides what is across it, and shedding that covers part of the way."""
-
-SPARED_SPEED = 1.0 - 1e-4
-"""Share of the velocity limits at which a motion that is too fast goes on."""
-
-TINY = 1e-9
-"""Angle, rad, or velocity, rad/s, that is rounding."""
+GENTLE_STAGES = 3  # most stages of such braking
+ROUNDS = 3  # of a fixed point: the line gives the transverse velocity, whose decay covers part of the line
+SPARED_SPEED = 1.0 - 1e-4  # share of the velocity limits to which a motion above them is reduced
+TINY = 1e-9  # angle, rad, or velocity, rad/s, within rounding
+LEAST_LENGTH = 1e-9  # distance between start and goal, rad, below which a line between them has no direction
+PROBES = 5  # positions on a line at which the torque limits are checked
 
 SLACK = 0.005
-"""How far a joint may leave its range, rad, that a tracking error makes too fast to stop within it."""
-
-LEAST_LENGTH = 1e-9
-"""Distance between start and goal, rad, below which a line between them has no direction."""
-
-PROBES = 5
-"""Places on a line at which the torque limits are looked at."""
+"""Largest excess of a joint range, rad, by a start that a tracking error has made too fast to stop within it."""
 
 
 @njit(cache=True, nogil=True)
-def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightWay:
-    """The line to a goal, ``(n,)``, rad, from the state ``q``, ``qd``, once the velocity across it is shed."""
+def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightLine:
+    """The line to a goal, ``(n,)``, rad, from the state ``q``, ``qd``, once the transverse velocity is 0."""
     velocity, acceleration = limits.table[1], limits.table[2]
     change = goal - q
     square = np.sum(change * change)
     if square > LEAST_LENGTH**2:
-        way = change
-        speed = float(np.sum(qd * change) / square)  # ways per second, until the line is made
+        displacement = change
+        speed = float(np.sum(qd * change) / square)  # displacements per second, until the line is made
         for _ in range(ROUNDS):
-            speed = _allowed_speed(speed, way, velocity)
-            shed, gentle = _shedding(qd - speed * way, acceleration)
-            # where all is shed, what is left of the way is: change - shed / 2 (qd - speed way)
-            spared = max(0.5, 1.0 - 0.5 * speed * shed)
-            way = (change - 0.5 * shed * qd) / spared
-        across = qd - speed * way
-        most = acceleration * shed * (2.0 * GENTLE if gentle else 1.0) + TINY
-        if spared > 0.5 and np.all(np.abs(across) <= most) and np.all(np.abs(speed * way) <= velocity):
-            return _line(q, way, speed, across, shed, gentle, True, limits)
-    shed, gentle = _shedding(qd, acceleration)
-    return _line(q, change - 0.5 * shed * qd, 0.0, qd.copy(), shed, gentle, True, limits)
+            speed = _allowed_speed(speed, displacement, velocity)
+            decay, gentle = _transverse_braking(qd - speed * displacement, acceleration)
+            # remaining displacement once the transverse velocity is 0: change - decay / 2 (qd - speed displacement)
+            spared = max(0.5, 1.0 - 0.5 * speed * decay)
+            displacement = (change - 0.5 * decay * qd) / spared
+        across = qd - speed * displacement
+        most = acceleration * decay * (2.0 * GENTLE if gentle else 1.0) + TINY
+        within = np.all(np.abs(across) <= most) and np.all(np.abs(speed * displacement) <= velocity)
+        if spared > 0.5 and within:
+            return _line(q, displacement, speed, across, decay, gentle, True, limits)
+    decay, gentle = _transverse_braking(qd, acceleration)
+    return _line(q, change - 0.5 * decay * qd, 0.0, qd.copy(), decay, gentle, True, limits)
 
 
 @njit(cache=True, nogil=True)
-def line_along(q: Array, qd: Array, way: Array, limits: ArmLimits) -> StraightWay:
-    """The line without a goal in a direction ``way``, ``(n,)``; the other arguments are those of `line_to`."""
-    speed = _allowed_speed(np.sum(qd * way) / np.sum(way * way), way, limits.table[1])
-    across = qd - speed * way
-    shed, gentle = _shedding(across, limits.table[2])
-    return _line(q, way, speed, across, shed, gentle, False, limits)
+def line_along(q: Array, qd: Array, direction: Array, limits: ArmLimits) -> StraightLine:
+    """The line without a goal in a direction, ``(n,)``; the other arguments are those of `line_to`."""
+    speed = _allowed_speed(np.sum(qd * direction) / np.sum(direction * direction), direction, limits.table[1])
+    across = qd - speed * direction
+    decay, gentle = _transverse_braking(across, limits.table[2])
+    return _line(q, direction, speed, across, decay, gentle, False, limits)
 
 
 @njit(cache=True, nogil=True)
-def _allowed_speed(speed: float, way: Array, limit: Array) -> float:
-    """The speed along a way, 1/s, brought within the velocity limits of the joints: what is beyond must be shed."""
-    excess = np.max(np.abs(speed * way) / limit)
+def _allowed_speed(speed: float, displacement: Array, limit: Array) -> float:
+    """The speed, 1/s, reduced to the velocity limits of the joints; the excess becomes transverse velocity."""
+    excess = np.max(np.abs(speed * displacement) / limit)
     return speed * SPARED_SPEED / excess if excess > SPARED_SPEED else speed
 
 
 @njit(cache=True, nogil=True)
-def _shedding(across: Array, acceleration: Array) -> tuple[float, bool]:
-    """How long it takes to shed a velocity, s, and whether that leaves most of the acceleration for other use."""
+def _transverse_braking(across: Array, acceleration: Array) -> tuple[float, bool]:
+    """Time for braking a transverse velocity, s, and whether that leaves most of the acceleration for other use."""
     least = np.max(np.abs(across) / acceleration)
     gentle = math.ceil(least / GENTLE / STAGE - 1e-9)
     if gentle <= GENTLE_STAGES:
@@ -87,24 +77,24 @@ def _shedding(across: Array, acceleration: Array) -> tuple[float, bool]:
 
 @njit(cache=True, nogil=True)
 def _line(
-    q: Array, way: Array, speed: float, across: Array, shed: float, gentle: bool, has_goal: bool, limits: ArmLimits
-) -> StraightWay:
-    """The line ``way`` long and what the limits allow on it."""
+    q: Array, vector: Array, speed: float, across: Array, decay: float, gentle: bool, has_goal: bool, limits: ArmLimits
+) -> StraightLine:
+    """The line along a vector, ``(n,)``, and what the limits allow on it."""
     table = limits.table
-    origin = q + 0.5 * shed * across
-    length = math.sqrt(np.sum(way * way))
+    origin = q + 0.5 * decay * across
+    length = math.sqrt(np.sum(vector * vector))
     if length > LEAST_LENGTH:
-        direction = way / length
+        direction = vector / length
     else:
-        length, direction = 0.0, np.zeros_like(way)
+        length, direction = 0.0, np.zeros_like(vector)
         direction[0] = 1.0
     acceleration, top_speed, low, high = np.inf, np.inf, -np.inf, np.inf
     for i in range(q.shape[0]):
         slope = abs(direction[i])
         if slope > 0.0:
-            besides = abs(across[i]) if gentle and shed > 0.0 else 0.0
+            besides = abs(across[i]) if gentle and decay > 0.0 else 0.0
             top_speed = min(top_speed, (table[1, i] - besides) / slope)
-            acceleration = min(acceleration, (table[2, i] - (besides / shed if besides > 0.0 else 0.0)) / slope)
+            acceleration = min(acceleration, (table[2, i] - (besides / decay if besides > 0.0 else 0.0)) / slope)
             to_zero = -origin[i] / direction[i]
             low, high = max(low, to_zero - table[3, i] / slope), min(high, to_zero + table[3, i] / slope)
     acceleration = min(acceleration, _most_acceleration(origin, direction, length, limits))
@@ -113,20 +103,20 @@ def _line(
     acceleration, top_speed = max(acceleration, TINY), max(top_speed, TINY)
     speed *= length
     goal = length if has_goal else np.nan
-    held = 0 if gentle else round(shed / STAGE)
+    held = 0 if gentle else round(decay / STAGE)
     stop = speed * (held * STAGE + 0.5 * abs(speed) / acceleration)
     if not np.isnan(low):
         low, high = min(low, stop) - TINY, max(high, stop) + TINY
     for i in range(q.shape[0]):
-        # a start at the edge of a range, or beyond it, is no reason not to move, but going further out is
+        # a start at the edge of a range or beyond it is allowed, moving further out is not
         if abs(origin[i] + stop * direction[i]) > max(table[3, i], abs(q[i])) + SLACK:
             low = high = np.nan
-    return StraightWay(origin, direction, across, shed, speed, top_speed, acceleration, low, high, goal, held)
+    return StraightLine(origin, direction, across, decay, speed, top_speed, acceleration, low, high, goal, held)
 
 
 @njit(cache=True, nogil=True)
 def _most_acceleration(origin: Array, direction: Array, length: float, limits: ArmLimits) -> float:
-    """What the torque limits leave for accelerating along the line from rest, rad/s^2."""
+    """Largest acceleration along the line from rest within the torque limits, rad/s^2."""
     n = origin.shape[0]
     still, moved, held, weightless = np.zeros(n), np.empty(n), np.empty(n), np.zeros(n)
     most = np.inf

@@ -1,12 +1,12 @@
-"""DPCT past moving discs: the timing of a straight way to a fixed target.
+"""DPCT past moving discs: the timing of a straight joint-space line to a fixed target.
 
 The dynamic program of "Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee and M. S.
-Ko) over the place on a way and the speed there (eq 9-12), with time itself as the stage, so that a disc of which the
-motion is predicted is a forbidden stretch of place and time: the arm goes before it, waits for it, or goes back. After
-K. Kant and S. W. Zucker, "Toward Efficient Trajectory Planning: The Path-Velocity Decomposition".
+Ko) over path position and speed (eq 9-12), with time as the stage, so that a predicted disc is a forbidden region in
+position and time: the arm passes before it, waits, or moves back. After K. Kant and S. W. Zucker, "Toward Efficient
+Trajectory Planning: The Path-Velocity Decomposition".
 
-The ways are the straight lines in joint space to every posture of the target. Where a disc is in the way of these,
-straight lines aside are looked at too, from the end of which the arm then goes to the target.
+The lines lead to every posture of the target. Where discs block all of them, straight detours are searched as well,
+each followed by a straight line to the target.
 
 Meant for replanning every 0.1 s or so from the arm's present state and the observed discs.
 """
@@ -14,13 +14,12 @@ Meant for replanning every 0.1 s or so from the arm's present state and the obse
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from itertools import pairwise
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightWay, first_contact
+from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightLine, first_contact
 from planners.dpct.timing.lattice import best_timing, time_from_rest
 from planners.dpct.timing.line import line_to
 from planners.goals import goal_postures
@@ -31,42 +30,32 @@ from planners.variants import require_choice
 
 Contact = Literal["refuse", "delay"]
 
-MOST_PREDICTION = 3.0
-"""Longest time for which velocities of discs can be trusted, s: the effort grows with its cube."""
-
-SAMPLING_STEP = 0.01
-"""Largest time between two samples, s."""
-
-JUST_BEFORE = 1e-6
-"""How long before a jump of the acceleration its last sample is, s."""
-
-ATTEMPTS, BACK_OFF = 10, 0.95
-"""How often limits are tightened where a fast motion takes more torque than there is, and how much more than that."""
-
-ROUNDING = 1e-9
-"""Excess of a limit, as a fraction of it, that is rounding."""
+MOST_PREDICTION = 3.0  # longest prediction horizon of the discs, s: the effort grows with its cube
+SAMPLING_STEP = 0.01  # largest time between two samples, s
+JUST_BEFORE = 1e-6  # time from the last sample before a jump of the acceleration to the jump, s
+ATTEMPTS, BACK_OFF = 10, 0.95  # attempts with tightened limits where a limit is exceeded, and an extra factor of each
+ROUNDING = 1e-9  # excess of a limit, as a fraction of it, within rounding
 
 
 def plan_timing(
     problem: MotionProblem, *, margin: float = 0.04, prediction: float = 1.5, contact: Contact = "refuse"
 ) -> Trajectory:
-    """Come to rest at a fixed target, as soon as the discs on the way allow.
+    """Come to rest at a fixed target, as soon as the discs allow.
 
-    With nothing near, this is the time-optimal motion on the straight joint line. Otherwise the time until the target
-    is reached is weighed against being closer than ``margin`` to a disc. Limits of torque, velocity and acceleration
-    are kept on a dense grid of samples, joint ranges to within 0.005 rad. The acceleration jumps: no limit of jerk is
-    kept (its ratio is then inf), and the acceleration at time 0 is not the start's.
-
-    To stay clear goes before being in time: a plan may outlast the horizon of the problem.
+    With no disc near, this is the time-optimal motion on the straight joint line. Otherwise the time to the target is
+    traded off against the time spent closer than ``margin`` to a disc. Limits of torque, velocity and acceleration are
+    kept on a dense grid of samples, joint ranges to within 0.005 rad. The acceleration jumps: no limit of jerk is kept
+    (its ratio is then inf), and the acceleration at time 0 is not the start's. Clearance has priority over the
+    duration: a plan may be longer than the problem's horizon.
 
     Args:
         problem: at rest or in motion, with a fixed target.
-        margin: clearance that is wanted between the arm and a disc, m.
-        prediction: how long discs are trusted to keep their velocities, s; later they are not looked at.
-        contact: what to do if every timing touches a disc: ``"refuse"`` to plan, or ``"delay"`` it as long as possible.
+        margin: least clearance from a disc without a cost, m.
+        prediction: prediction horizon of the discs at constant velocity, s; later they are ignored.
+        contact: if every timing touches a disc, ``"refuse"`` to plan, or ``"delay"`` the contact as long as possible.
 
     Returns:
-        The trajectory; its cost is the time to the target plus the price of being near a disc, s.
+        The trajectory; its cost is the time to the target plus the cost of small clearances, s.
 
     Raises:
         Infeasible: ``collision`` if every timing touches a disc; ``unreachable`` if the target is out of reach;
@@ -84,73 +73,71 @@ def plan_timing(
     limits = np.array([getattr(problem.joint_limits, kind) for kind in ("torque", "velocity", "acceleration", "angle")])
     if not np.isfinite(limits[1:3]).all():
         raise ValueError("variant 'timing' needs finite limits of velocity and acceleration for every joint")
-    scene, goals = _scene(problem, margin, prediction), np.array(goal_postures(problem, target, "best"))
+    arm = problem.arm
+    discs = np.array([[*disc.position, *disc.velocity, disc.radius] for disc in problem.obstacles]).reshape(-1, 5)
+    scene = PredictedDiscs(arm.length_array, arm.base_array, arm.link_radius, discs, margin, prediction)
+    goals = np.array(goal_postures(problem, target, "best"))
     for _ in range(ATTEMPTS):
         cost, legs = _plan_legs(problem, scene, goals, limits)
         trajectory = _trajectory(problem, legs, cost)
         excess = _excess(problem, trajectory)
         if excess <= 1.0 + ROUNDING:
-            _check_clearance(scene, trajectory, contact)
-            return trajectory
+            break
         tighter = BACK_OFF / excess
         limits[:3] *= np.array([[tighter], [math.sqrt(tighter)], [tighter]])
-    message = f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower"
-    raise Infeasible("limits", message, ratio=excess)
+    else:
+        message = f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower"
+        raise Infeasible("limits", message, ratio=excess)
+    time = first_contact(scene, trajectory.t, trajectory.q)
+    if contact == "refuse" and math.isfinite(time):
+        message = f"every timing found touches a disc, the best one after {time:.3g} s"
+        raise Infeasible("collision", f"{message}; raise the acceleration limits, or give contact='delay'", time=time)
+    return trajectory
 
 
 class _Leg(NamedTuple):
-    """A motion on a line: how long each stretch of constant acceleration lasts, s, and that, rad/s^2, ``(k, 2)``."""
+    """A motion on a line: duration (s) and acceleration (rad/s^2) of each of its pieces, ``(pieces, 2)``."""
 
-    line: StraightWay
-    stretches: Array
-
-
-def _scene(problem: MotionProblem, margin: float, prediction: float) -> PredictedDiscs:
-    """The arm and the discs of a problem."""
-    arm = problem.arm
-    discs = [[*disc.position, *disc.velocity, disc.radius] for disc in problem.obstacles]
-    return PredictedDiscs(
-        arm.length_array, arm.base_array, arm.link_radius, np.array(discs).reshape(-1, 5), margin, prediction
-    )
+    line: StraightLine
+    pieces: Array
 
 
-@lru_cache(maxsize=8)
-def _asides(n: int) -> Array:
-    """Directions aside, ``(directions, n)``: each joint alone, neighbouring joints together and against each other."""
+def _detours(n: int) -> Array:
+    """Directions, ``(directions, n)``: each joint alone, neighbouring joints together and against each other."""
     axes = np.eye(n)
     pairs = [axes[i] + sign * axes[i + 1] for i in range(n - 1) for sign in (1.0, -1.0)]
     return np.array([*axes, *pairs])
 
 
 def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limits: Array) -> tuple[float, list[_Leg]]:
-    """The best timing: one leg to the target, or one aside and one from there."""
+    """The best timing: one leg to the target, or a detour and a leg from its end."""
     q, qd, _ = problem.start
     bounds = ArmLimits(limits, *problem.loaded_arm.chain_constants)
-    cost, line, unit, controls = best_timing(scene, q, qd, goals, _asides(len(q)), bounds)
+    cost, line, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
     if not np.isfinite(cost):
-        message = "the joints are too fast to stop within their ranges, or the torque limits leave nothing to move with"
+        message = "the joints are too fast to stop within their ranges, or the static torques use up the torque limits"
         raise Infeasible("limits", f"{message}; start slower, or raise the limits")
-    stretches = [(STAGE, unit * control) for control in controls]
+    pieces = [(STAGE, acceleration) for acceleration in accelerations]
     r, v = 0.0, line.speed
-    for duration, u in stretches:
+    for duration, u in pieces:
         r, v = r + duration * (v + 0.5 * duration * u), v + duration * u
     if not math.isnan(line.goal):
-        return cost, [_leg(line, stretches + _to_rest(line, line.goal - r, v))]
-    stretches.append((abs(v) / line.acceleration, -math.copysign(line.acceleration, v)))
+        return cost, [_leg(line, pieces + _to_rest(line, line.goal - r, v))]
+    pieces.append((abs(v) / line.acceleration, -math.copysign(line.acceleration, v)))
     stop = line.origin + (r + 0.5 * v * abs(v) / line.acceleration) * line.direction
     times = [time_from_rest(stop, goal[None], limits) for goal in goals]
     last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], bounds)
-    return cost, [_leg(line, stretches), _leg(last, _to_rest(last, last.goal, 0.0))]
+    return cost, [_leg(line, pieces), _leg(last, _to_rest(last, last.goal, 0.0))]
 
 
-def _leg(line: StraightWay, stretches: list[tuple[float, float]]) -> _Leg:
-    """A leg that ends at rest: not before the velocity across its line is shed, however short the way."""
-    wait = line.shed - sum(duration for duration, _ in stretches)
-    return _Leg(line, np.array([*stretches, (wait, 0.0)] if wait > 0.0 else stretches))
+def _leg(line: StraightLine, pieces: list[tuple[float, float]]) -> _Leg:
+    """A leg that ends at rest: not before the transverse velocity is 0, however short the line."""
+    wait = line.decay - sum(duration for duration, _ in pieces)
+    return _Leg(line, np.array([*pieces, (wait, 0.0)] if wait > 0.0 else pieces))
 
 
-def _to_rest(line: StraightWay, distance: float, speed: float) -> list[tuple[float, float]]:
-    """Stretches of the fastest motion to rest."""
+def _to_rest(line: StraightLine, distance: float, speed: float) -> list[tuple[float, float]]:
+    """Pieces of the fastest motion to rest."""
     profile = np.empty(4)
     fill_profile(distance, speed, line.top_speed, line.acceleration, 0.0, profile)
     rise = math.copysign(line.acceleration, profile[SPEED] - speed)
@@ -168,12 +155,11 @@ def _trajectory(problem: MotionProblem, legs: list[_Leg], cost: float) -> Trajec
     t, q, qd, qdd = (np.concatenate(values) for values in zip(*parts, strict=True))
     kept = np.append(np.diff(t) > 0.0, True)
     t, q, qd, qdd = t[kept], q[kept], qd[kept], qdd[kept]
-    if len(t) == 1:  # it is there already
+    if len(t) == 1:  # at the target already
         t = np.array([0.0, STAGE])
         q, qd, qdd = np.repeat(q, 2, axis=0), np.zeros((2, q.shape[1])), np.zeros((2, q.shape[1]))
-    end = float(t[-1])
     return sampled_trajectory(
-        problem, t, q, qd, qdd, cost=cost, rendezvous_time=end, planner="dpct (timing)", jerk_jumps=True
+        problem, t, q, qd, qdd, cost=cost, rendezvous_time=float(t[-1]), planner="dpct (timing)", jerk_jumps=True
     )
 
 
@@ -187,29 +173,21 @@ def _excess(problem: MotionProblem, trajectory: Trajectory) -> float:
 def _sample(leg: _Leg) -> tuple[Array, Array, Array, Array]:
     """Time, and joint angles, velocities and accelerations, ``(samples, n)`` each, to rest at the end."""
     line = leg.line
-    duration, acceleration = leg.stretches.T
+    duration, acceleration = leg.pieces.T
     begin = np.append(0.0, np.cumsum(duration))
-    jumps = np.unique(np.append(begin, line.shed if line.shed < begin[-1] else 0.0))
+    jumps = np.unique(np.append(begin, line.decay if line.decay < begin[-1] else 0.0))
     inner = [np.linspace(a, b, math.ceil((b - a) / SAMPLING_STEP) + 1)[:-1] for a, b in pairwise(jumps)]
     before = jumps[1:] - np.minimum(JUST_BEFORE, 0.5 * np.diff(jumps))
     t = np.sort(np.concatenate([*inner, before, begin[-1:]]))
     rise = np.append(0.0, np.cumsum(duration * acceleration))
     speed = line.speed + rise
     place = np.append(0.0, np.cumsum(duration * 0.5 * (speed[:-1] + speed[1:])))
-    stretch = np.clip(np.searchsorted(begin, t, side="right") - 1, 0, len(duration) - 1)
-    s, u = t - begin[stretch], acceleration[stretch]
-    r, v = place[stretch] + s * (speed[stretch] + 0.5 * s * u), speed[stretch] + s * u
-    left = np.maximum(0.0, line.shed - t)
-    rate = line.across / line.shed if line.shed > 0.0 else np.zeros_like(line.across)
+    piece = np.clip(np.searchsorted(begin, t, side="right") - 1, 0, len(duration) - 1)
+    s, u = t - begin[piece], acceleration[piece]
+    r, v = place[piece] + s * (speed[piece] + 0.5 * s * u), speed[piece] + s * u
+    left = np.maximum(0.0, line.decay - t)
+    rate = line.across / line.decay if line.decay > 0.0 else np.zeros_like(line.across)
     q = line.origin + r[:, None] * line.direction - 0.5 * left[:, None] ** 2 * rate
     qd = v[:, None] * line.direction + left[:, None] * rate
     qdd = u[:, None] * line.direction - np.where(left > 0.0, 1.0, 0.0)[:, None] * rate
     return t, q, qd, qdd
-
-
-def _check_clearance(scene: PredictedDiscs, trajectory: Trajectory, contact: Contact) -> None:
-    """Refuse a motion that is predicted to touch a disc."""
-    time = first_contact(scene, trajectory.t, trajectory.q)
-    if contact == "refuse" and math.isfinite(time):
-        message = f"every timing found touches a disc, the best one after {time:.3g} s"
-        raise Infeasible("collision", f"{message}; raise the acceleration limits, or give contact='delay'", time=time)
