@@ -41,9 +41,9 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert content["machine"]["cpus"] >= 1
     assert content["command"].startswith("planarm")
     assert content["config"]["seed"] == 7
-    assert [[policy["policy"] for policy in task["policies"]] for task in content["results"]] == [
-        ["dpct", "random"]
-    ] * 6
+    *others, excavator = ([policy["policy"] for policy in task["policies"]] for task in content["results"])
+    assert others == [["dpct", "random"]] * 5
+    assert excavator == ["random"]  # it has no expert of the name dpct
     drawn, paper, move, _, dodge, _ = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
     assert dodge["bound"]["time_to_goal"] == stored_bound([7, 8]).tolist()
