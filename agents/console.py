@@ -26,12 +26,10 @@ def note(text: str, style: str = "") -> None:
 
 
 def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progress:
-    """A progress bar on stderr, drawn only where that is a terminal.
+    """A progress bar on stderr, drawn only where that is a terminal; a ``transient`` one disappears at the end.
 
-    Args:
-        unit: what is counted, such as ``episodes``; may use a task's fields, as in ``"steps, {task.fields[rate]}/s"``.
-        transient: whether it disappears at the end.
-        more: of the same form, at the end of the line.
+    ``unit`` is what it counts, such as ``episodes``, and ``more`` the end of the line; both may use a task's fields, as
+    in ``"steps, {task.fields[rate]}/s"``.
     """
     console = Console(stderr=True)
     columns = (
@@ -48,11 +46,7 @@ def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progre
 
 @contextmanager
 def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
-    """Record Ctrl-C in the list that is given: True for each.
-
-    Args:
-        at_once: whether the first raises a KeyboardInterrupt; the second always does.
-    """
+    """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt."""
     caught: list[bool] = []
 
     def handle(signal_number: int, frame: object) -> None:

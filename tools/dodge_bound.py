@@ -24,7 +24,6 @@ from agents.console import note, progress_bar
 from agents.files import write_json
 from agents.provenance import versions
 from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_seen, solve
-from planners.motion import spacetime
 
 BATCH = 20
 """Seeds after which the result is stored."""
@@ -51,7 +50,11 @@ def main(options: DodgeBoundOptions) -> None:
                 with closing(gym.make_vec(ENV_ID, num_envs=min(BATCH, options.seeds - first))) as env:
                     env.reset(seed=first)
                     for env_index in range(env.num_envs):
-                        _append(bounds, solve(env.unwrapped, env_index), env.unwrapped)
+                        answer = solve(env.unwrapped, env_index)
+                        lower = None if math.isinf(answer.lower_bound) else round(answer.lower_bound, 3)
+                        bounds.verdicts += LETTERS[answer.verdict]
+                        bounds.time_to_goal.append(as_seen(answer, env.unwrapped))
+                        bounds.lower_bound.append(lower)
                         progress.advance(task)
                 write_json(options.out, vars(bounds))
         except KeyboardInterrupt:
@@ -97,13 +100,6 @@ def _begin(path: Path) -> Bounds:
         if bounds.recipe == recipe:
             return bounds
     return Bounds(recipe)
-
-
-def _append(bounds: Bounds, answer: spacetime.Answer, env: Any) -> None:
-    """Keep an answer."""
-    bounds.verdicts += LETTERS[answer.verdict]
-    bounds.time_to_goal.append(as_seen(answer, env))
-    bounds.lower_bound.append(None if math.isinf(answer.lower_bound) else round(answer.lower_bound, 3))
 
 
 if __name__ == "__main__":

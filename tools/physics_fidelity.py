@@ -1,13 +1,13 @@
-"""How true the physics is: Pymunk arms against independent references, with its defaults and as planarm uses it.
+"""Error of the physics: Pymunk arms against independent references, with its defaults and as planarm uses it.
 
 ``python -m tools.physics_fidelity`` prints the table.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +26,8 @@ CONTROL_PERIOD = 0.01
 TRIPLE_PENDULUM = replace(PLANAR_3R, name="triple pendulum", gravity=9.81)
 
 
-@dataclass(frozen=True)
-class Row:
-    """One line of the fidelity table."""
-
-    physics_step: float  # s
-    pymunk_defaults: bool  # whether joints and reading are left as Pymunk has them
-    two_link_error: float  # worst joint-angle error of the two-link arm over 3 s, rad
-    energy_error: float  # worst energy error of the triple pendulum over 10 s, as a share of what it exchanges
-
-
 class SimulatedArm:
-    """One arm in Pymunk, driven open loop.
-
-    Args:
-        arm: the arm.
-        physics_step: s.
-        pymunk_defaults: leave joints and reading as Pymunk has them.
-    """
+    """One arm in Pymunk, driven open loop; ``pymunk_defaults`` leaves joints and reading as Pymunk has them."""
 
     def __init__(self, arm: Arm, physics_step: float, *, pymunk_defaults: bool = False) -> None:
         self.batch = np.zeros(1, np.dtype(arm_fields(arm.n_joints), align=True))
@@ -81,8 +65,12 @@ def two_link_reference(duration: float = 3.0) -> Array:
     arm, state = SCARA_1M, np.zeros(4)
     angles = [state[:2]]
     for k in range(round(duration / CONTROL_PERIOD)):
-        rhs = _equations_of_motion(arm, open_loop_torque(k * CONTROL_PERIOD))
-        state = solve_ivp(rhs, (0.0, CONTROL_PERIOD), state, rtol=1e-11, atol=1e-11).y[:, -1]
+        tau = open_loop_torque(k * CONTROL_PERIOD)
+
+        def rates(_t: float, state: Array, tau: Array = tau) -> Array:
+            return np.concatenate([state[2:], arm.forward_dynamics(state[:2], state[2:], tau)])
+
+        state = solve_ivp(rates, (0.0, CONTROL_PERIOD), state, rtol=1e-11, atol=1e-11).y[:, -1]
         angles.append(state[:2])
     return np.array(angles)
 
@@ -116,26 +104,6 @@ def energy_error(physics_step: float, *, pymunk_defaults: bool = False, duration
     return error / exchanged
 
 
-def table(physics_steps: tuple[float, ...] = (2e-3, 1e-3, 5e-4)) -> list[Row]:
-    """Both tests at several physics steps, with Pymunk's defaults and as planarm uses it."""
-    reference = two_link_reference()
-    return [
-        Row(
-            step,
-            defaults,
-            two_link_error(step, pymunk_defaults=defaults, reference=reference),
-            energy_error(step, pymunk_defaults=defaults),
-        )
-        for step in physics_steps
-        for defaults in (True, False)
-    ]
-
-
-def _equations_of_motion(arm: Arm, tau: Array) -> Callable[[float, Array], Array]:
-    n = arm.n_joints
-    return lambda _t, state: np.concatenate([state[n:], arm.forward_dynamics(state[:n], state[n:], tau)])
-
-
 @njit(cache=True, nogil=True)
 def _place(batch: Any, model: Any) -> None:
     place_arm(batch[0], model[0])
@@ -155,21 +123,20 @@ class FidelityOptions:
 
 
 def main(options: FidelityOptions) -> None:
-    """Print the table, and write it if asked for."""
-    rows = table()
+    """Print both tests at several physics steps, with Pymunk's defaults and as planarm uses it; write it if asked."""
+    reference = two_link_reference()
+    records, cells = [], []
+    for step, defaults in itertools.product((2e-3, 1e-3, 5e-4), (True, False)):
+        angle = two_link_error(step, pymunk_defaults=defaults, reference=reference)
+        energy = energy_error(step, pymunk_defaults=defaults)
+        setting = "Pymunk's defaults" if defaults else "planarm"
+        cells.append((f"{1e3 * step:g} ms", setting, f"{angle:.1e} rad", f"{100.0 * energy:.2g} %"))
+        record = {"physics_step": step, "pymunk_defaults": defaults, "two_link_error": angle, "energy_error": energy}
+        records.append(record)
     headers = ("physics step", "joints and reading", "two-link arm, 3 s: angle", "triple pendulum, 10 s: energy")
-    cells = [
-        (
-            f"{1e3 * row.physics_step:g} ms",
-            "Pymunk's defaults" if row.pymunk_defaults else "planarm",
-            f"{row.two_link_error:.1e} rad",
-            f"{100.0 * row.energy_error:.2g} %",
-        )
-        for row in rows
-    ]
     Table("Pymunk arms against independent references", headers, cells, text_columns=2).show()
     if options.json is not None:
-        write_text(options.json, json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+        write_text(options.json, json.dumps(records, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""Release the best of several trained agents, by a rule that does not look at the episodes it is then judged by.
+"""Release the best of several trained agents, selected on other episodes than those of the reported scores.
 
 ``python -m tools.release_agent runs/conveyor-*``, with the finished runs of one recipe, one a training seed, scores
 the best agent of each run on two sets of episodes: those that select, and held-out ones, the leaderboard's. The
-selected agent goes to ``agents/policies/trained/`` with both scores and those of all training seeds in its JSON, and a
-table of them is printed.
+selected agent goes to ``agents/policies/trained/`` with the scores of all training seeds in its JSON.
 """
 
 from __future__ import annotations
@@ -29,11 +28,9 @@ from agents.tables import Table, short_text
 from agents.training.learning_curves import Curve, check_alike, differing, read_curve
 
 TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"
-SELECTION_SEED = 2_000_000
-"""Of the first episode that selects among runs: apart from the leaderboard's, and from those that trained the agents or
-selected their checkpoints."""
-HELD_OUT_SEED = 0
-"""Of the first episode that an agent is judged by: the leaderboard's."""
+SELECTION_SEED, HELD_OUT_SEED = 2_000_000, 0
+"""Of the first episode that selects an agent, which neither training nor the choice of checkpoints used, and of the
+first held-out one, which is the leaderboard's."""
 LIMIT_RATIO = 1.05
 """Largest ratio of a value to its limit in an episode that counts as one within the limits."""
 SIZE = 300_000
@@ -65,15 +62,10 @@ class Candidate:
     held_out: Scores  # scores on those that do not
 
     @property
-    def seed(self) -> int:
-        """Of the training."""
-        return self.curve.config.seed
-
-    @property
     def document(self) -> dict[str, Any]:
         """What the JSON says of each training seed."""
         return {
-            "seed": self.seed,
+            "seed": self.curve.config.seed,
             "seconds": float(self.curve.columns["seconds"][-1]),
             "steps": int(self.curve.columns["steps"][-1]),
             "best_steps": int(self.curve.columns["steps"][self.curve.best]),
@@ -84,27 +76,18 @@ class Candidate:
     @property
     def row(self) -> list[float]:
         """Its numbers in the table."""
-        document, selection, held_out = self.document, values_of(self.selection), values_of(self.held_out)
-        percent = {name: 100.0 * estimate.value for name, estimate in self.held_out.items() if _is_share(estimate)}
-        return [
-            round(document["seconds"]),
-            document["best_steps"],
-            100.0 * selection["success"],
-            selection["return"],
-            percent["success"],
-            held_out["return"],
-            *(percent.get(metric.key, metric.factor * held_out[metric.key]) for metric in _metrics(self)),
-            percent["limits_kept"],
-        ]
+        document, factors = self.document, {metric.key: metric.factor for metric in _metrics(self)}
+        shown = [round(document["seconds"]), document["best_steps"]]
+        held_out = ("success", "return", *factors, "limits_kept")
+        for scores, names in ((self.selection, ("success", "return")), (self.held_out, held_out)):
+            for name in names:
+                factor = 100.0 if _is_share(scores[name]) else factors.get(name, 1.0)
+                shown.append(factor * scores[name].value)
+        return shown
 
 
 def main(options: ReleaseOptions) -> int:
-    """Score, select, write the agent and print the table; the exit code.
-
-    Raises:
-        ValueError: for runs that cannot be compared or are not finished, or an agent too large to release, before
-            anything is scored.
-    """
+    """Score, select, write the agent and print the table; the exit code. Raises as `read_finished`."""
     if options.episodes < 1:
         raise ValueError(f"episodes {options.episodes} must be at least 1")
     curves = sorted(read_finished(options.runs), key=lambda curve: curve.config.seed)
@@ -160,10 +143,7 @@ def score(agent: Agent, first: int, episodes: int) -> Scores:
 
 
 def choose(candidates: Sequence[Candidate]) -> Candidate:
-    """The candidate with the most success, then the highest return, on the episodes that select; of equals the first.
-
-    Held-out scores take no part.
-    """
+    """The candidate with the most success, then the highest return, on the selection episodes; of equals the first."""
     return max(candidates, key=lambda each: (each.selection["success"].value, each.selection["return"].value))
 
 
@@ -179,13 +159,15 @@ def rule(episodes: int) -> str:
 
 def document(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) -> dict[str, Any]:
     """The JSON of the selected agent: its own, how it was selected, its scores and those of the other seeds."""
-    settings = chosen.agent.action_config
-    selection = {"rule": rule(episodes), "seeds": _ends(SELECTION_SEED, episodes), "env_config": settings}
-    held_out = {"seeds": _ends(HELD_OUT_SEED, episodes), "env_config": settings, "limit_ratio_kept": LIMIT_RATIO}
+    settings = {"env_config": chosen.agent.action_config}
+    selection: dict[str, Any] = {"rule": rule(episodes), "seeds": _ends(SELECTION_SEED, episodes), **settings}
+    held_out: dict[str, Any] = {"seeds": _ends(HELD_OUT_SEED, episodes), **settings, "limit_ratio_kept": LIMIT_RATIO}
+    for part, scores in ((selection, chosen.selection), (held_out, chosen.held_out)):
+        part |= {name: vars(each) if _is_share(each) else each.value for name, each in scores.items()}
     return {
         **chosen.agent.document,
-        "selection": {**selection, **_as_document(chosen.selection)},
-        "held_out": {**held_out, **_as_document(chosen.held_out)},
+        "selection": selection,
+        "held_out": held_out,
         "seeds": [candidate.document for candidate in candidates],
         "over_seeds": {
             name: spread([candidate.held_out[name].value for candidate in candidates]) for name in chosen.held_out
@@ -206,8 +188,9 @@ def seeds_table(candidates: Sequence[Candidate], chosen: Candidate, episodes: in
     titles = ("seconds", "best at step", "selection (%)", "its return", "held-out (%)", "return")
     headers = ("training seed", *titles, *(metric.title for metric in _metrics(chosen)), "within limits (%)")
     rows = [
-        (f"**{each.seed}**, released" if each is chosen else str(each.seed), *map(short_text, each.row))
+        (f"**{seed}**, released" if each is chosen else str(seed), *map(short_text, each.row))
         for each in candidates
+        for seed in [each.curve.config.seed]
     ]
     over_seeds = [spread(values) for values in zip(*(each.row for each in candidates), strict=True)]
     rows.append(("mean ± std", *(_with_deviation(column["mean"], column["std"]) for column in over_seeds)))
@@ -229,11 +212,6 @@ def _metrics(candidate: Candidate) -> tuple[envs.card.Metric, ...]:
 
 def _is_share(estimate: Estimate) -> bool:
     return not math.isnan(estimate.low)
-
-
-def _as_document(scores: Scores) -> dict[str, Any]:
-    """For JSON: shares with their intervals, numbers alone."""
-    return {name: vars(each) if _is_share(each) else each.value for name, each in scores.items()}
 
 
 def _with_deviation(mean: float, deviation: float) -> str:

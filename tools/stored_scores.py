@@ -21,7 +21,7 @@ import tyro
 
 import envs
 from agents.console import note, progress_bar
-from agents.evaluation.evaluate import Evaluation, Policy, PolicyMaker, evaluate
+from agents.evaluation.evaluate import Policy, PolicyMaker, evaluate
 from agents.evaluation.summarise import LIMIT_TOLERANCE, summarise
 from agents.files import write_json
 from agents.policies.files import shipped_agents
@@ -46,10 +46,7 @@ worst limit ratio of all episodes. None in place of a time: never."""
 
 @dataclass(frozen=True)
 class ScoresOptions:
-    """Score every expert and every shipped agent in every environment, and store the scores.
-
-    Takes half a minute, once everything is compiled.
-    """
+    """Score every expert and every shipped agent in every environment, and store the scores (half a minute)."""
 
     check: bool = False
     """Compare with the stored scores rather than store; the exit code is 1 if something differs."""
@@ -64,7 +61,18 @@ def main(options: ScoresOptions) -> int:
         for env_id, name in bar.track(scored_policies(), description="scoring"):
             scores.setdefault(env_id, {})[name] = score(env_id, name)
     if not options.check:
-        write_json(options.out, _document(scores))
+        tolerance = {"counts": COUNT_TOLERANCE, "limit_ratio": LIMIT_TOLERANCE, "share": TOLERANCE, "floor": FLOOR}
+        document = {
+            "command": "python -m tools.stored_scores",
+            "first_seed": FIRST_SEED,
+            "episodes": EPISODES,
+            "values": "counts of what is true or false; interquartile mean of the return; medians; worst limit ratio",
+            "tolerance": tolerance,
+            "versions": versions(("safetensors",)),
+            "machine": machine(),
+            "scores": scores,
+        }
+        write_json(options.out, document)
         note(f"wrote {options.out}")
         return 0
     complaints = compare(load(options.out), scores)
@@ -92,14 +100,10 @@ def score(env_id: str, name: str) -> Score:
 def score_policy(policy: Policy | PolicyMaker | str, env_id: str, env_config: Mapping[str, Any] | None = None) -> Score:
     """The score of a policy."""
     seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-    return score_of(evaluate(policy, env_id, seeds, env_config=env_config, num_envs=EPISODES))
-
-
-def score_of(evaluation: Evaluation) -> Score:
-    """The score of an evaluation."""
+    evaluation = evaluate(policy, env_id, seeds, env_config=env_config, num_envs=EPISODES)
     estimates = summarise(evaluation, bootstrap=False)
     scores: dict[str, float] = {"success": int(evaluation.success.sum()), "return": estimates["return"].value}
-    for metric in envs.task_card(evaluation.env_id).metrics:
+    for metric in envs.task_card(env_id).metrics:
         values = evaluation.metrics[metric.key]
         scores[metric.key] = int(values.sum()) if values.dtype == bool else estimates[metric.key].value
     scores["limit_ratio"] = float(evaluation.metrics["limit_ratio"].max())
@@ -138,19 +142,6 @@ def _close(name: str, stored: float | None, now: float | None) -> bool:
         return abs(stored - now) <= COUNT_TOLERANCE
     share = LIMIT_TOLERANCE if name == "limit_ratio" else TOLERANCE
     return math.isclose(stored, now, rel_tol=share, abs_tol=FLOOR)
-
-
-def _document(scores: Mapping[str, Mapping[str, Score]]) -> dict[str, Any]:
-    return {
-        "command": "python -m tools.stored_scores",
-        "first_seed": FIRST_SEED,
-        "episodes": EPISODES,
-        "values": "counts of what is true or false; interquartile mean of the return; medians; worst limit ratio",
-        "tolerance": {"counts": COUNT_TOLERANCE, "limit_ratio": LIMIT_TOLERANCE, "share": TOLERANCE, "floor": FLOOR},
-        "versions": versions(("safetensors",)),
-        "machine": machine(),
-        "scores": scores,
-    }
 
 
 if __name__ == "__main__":

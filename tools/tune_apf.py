@@ -20,7 +20,7 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from agents.console import note
 from agents.evaluation.evaluate import Evaluation, evaluate
@@ -35,17 +35,10 @@ ENV_ID = "ObstacleDodge-v0"
 FIRST_SEED, FIRST_TO_CONFIRM = 100_000, 500_000
 """The benchmark's seeds start at 0."""
 
-COLLISION = 1.3
-"""Weight of a collision, in late arrivals."""
-
-SPREAD = 1.5
-"""The search stays within this factor of the gains it starts from."""
-
-FIXED = ("nearest", "farthest", "success")
-"""Not searched: properties of the workspace, and a worth that only has to be positive."""
-
-MOST = {"evade": 1.0, "horizon": 2.5}
-"""Upper bounds of some gains."""
+COLLISION = 1.3  # weight of a collision, in late arrivals
+SPREAD = 1.5  # the search stays within this factor of the gains it starts from
+FIXED = ("nearest", "farthest", "success")  # not searched: the workspace's, and a value that only has to be positive
+MOST = {"evade": 1.0, "horizon": 2.5}  # upper bounds of some gains
 
 
 @dataclass(frozen=True)
@@ -98,7 +91,7 @@ def main(options: TuneOptions) -> None:
     before = score(run_field(search.start, search.seeds))
     note(f"{len(search.seeds)} of {options.seeds} seeds are not trivial; the stored gains score {before}")
     try:
-        _evolve(search, options)
+        evolve(search, options)
     except KeyboardInterrupt:
         note("stopped; the best so far is kept")
     others = np.arange(FIRST_TO_CONFIRM, FIRST_TO_CONFIRM + options.confirm)
@@ -122,14 +115,11 @@ def main(options: TuneOptions) -> None:
     note(f"stored in {options.out}")
 
 
-def _evolve(search: Search, options: TuneOptions) -> None:
+def evolve(search: Search, options: TuneOptions) -> None:
     """Differential evolution over exponents in [-1, 1], from a population around 0."""
     generator, dimensions = np.random.default_rng(options.seed), len(search.names)
     first = np.clip(0.4 * generator.standard_normal((options.population, dimensions)), -1.0, 1.0)
     first[0] = 0.0
-
-    def report(intermediate_result: OptimizeResult) -> None:
-        note(f"{search.tried} candidates, best score {search.score:g}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it has not converged
@@ -141,7 +131,7 @@ def _evolve(search: Search, options: TuneOptions) -> None:
             rng=generator,
             polish=False,
             tol=0.0,
-            callback=report,
+            callback=lambda intermediate_result: note(f"{search.tried} candidates, best score {search.score:g}"),
         )
 
 

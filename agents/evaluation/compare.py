@@ -20,33 +20,22 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class Pair:
-    """One policy minus another on the same episodes; each estimate has a bootstrap interval.
+    """``policy`` minus ``against`` on the same episodes; each estimate has a bootstrap interval.
 
-    Attributes:
-        policy: whose episodes count positive.
-        against: whose count negative.
-        success: mean difference of success, a share.
-        metric: median difference of the task's primary metric; an episode without success counts as infinitely bad.
-            None if the task has no such metric.
-        returns: interquartile mean of the differences of returns.
-        improvement: share of episodes in which the policy does better by the primary metric (by the return if there
-            is none), ties by half: the probability of improvement (Agarwal et al. 2021).
+    ``improvement`` is the share of episodes in which the policy does better by the primary metric (by the return if
+    there is none), ties by half: the probability of improvement (Agarwal et al. 2021).
     """
 
     policy: str
     against: str
-    success: Estimate
-    metric: Estimate | None
-    returns: Estimate
+    success: Estimate  # mean difference of success, a share
+    metric: Estimate | None  # median difference of the primary metric; an episode without success is infinitely bad
+    returns: Estimate  # interquartile mean of the differences of returns
     improvement: Estimate
 
 
 def compare(policy: Evaluation, against: Evaluation) -> Pair:
-    """A policy minus another.
-
-    Raises:
-        ValueError: if they were not evaluated on the same episodes.
-    """
+    """A policy minus another; a ValueError if they were not evaluated on the same episodes."""
     if policy.env_id != against.env_id or not np.array_equal(policy.seeds, against.seeds):
         raise ValueError(f"{policy.policy} and {against.policy} were evaluated on different episodes")
     metric = card_of(policy.env_id).primary

@@ -31,15 +31,9 @@ _AGAINST = {"seconds": "seconds of training, warm start included", "steps": "con
 
 
 def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric], against: str) -> Figure:
-    """Learning curves of groups of runs, with the best expert's value as a dashed line.
+    """Learning curves of groups of runs, a panel for each metric, against ``seconds`` or ``steps``.
 
-    Args:
-        groups: runs by label, one a seed.
-        metrics: a panel each.
-        against: the column of metrics.csv to draw them against: ``seconds`` or ``steps``.
-
-    Raises:
-        ValueError: if there are more groups than colours.
+    The best expert's value is a dashed line. More groups than colours are a ValueError.
     """
     if len(groups) > GROUPS_AT_MOST:
         raise ValueError(f"{len(groups)} groups; a picture has room for {GROUPS_AT_MOST}: give fewer runs")

@@ -59,11 +59,7 @@ class EpisodeRecord:
 
 
 def picture_of(env_id: str) -> Picture:
-    """What figures of a task show, from its card.
-
-    Raises:
-        ValueError: if there is no such task, or its card has no picture.
-    """
+    """What figures of a task show, from its card; a ValueError if there is no such task, or no picture on its card."""
     picture = task_card(env_id).picture
     if picture is None:
         raise ValueError(f"the card of {env_id} has no picture, so there is nothing to draw")
@@ -113,16 +109,9 @@ def play(
     reset_options: Info,
     observe: Callable[[int, bool], None] = lambda steps, ended: None,
 ) -> Info:
-    """Run one episode of a policy.
+    """Run one episode of a policy in a single environment; its last info, with ``return`` and ``length``.
 
-    Args:
-        env: a single environment.
-        policy: as for `agents.evaluate`.
-        seed, reset_options: of the reset.
-        observe: called after the reset and after every step with the steps so far and whether the episode has ended.
-
-    Returns:
-        The last info, with the return and the length of the episode.
+    ``observe`` is called after the reset and after every step with the steps so far and whether the episode has ended.
     """
     acting = as_policy(policy, env)
     observation, info = env.reset(seed=seed, options=reset_options)

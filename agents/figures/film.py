@@ -21,12 +21,7 @@ _NEEDS = {".gif": ("PIL", "viz"), ".png": ("PIL", "viz"), ".mp4": ("imageio_ffmp
 
 
 def require_recordable(path: Path, *, fps: int, width: int) -> None:
-    """Raise, before the episode is run, if it could not be written.
-
-    Raises:
-        ValueError: for an unknown file format, or a frame rate or width that makes no film.
-        gymnasium.error.DependencyNotInstalled: naming the extra to install.
-    """
+    """Raise, before the episode is run, if it could not be written; a missing extra is a DependencyNotInstalled."""
     refuse_unknown([path.suffix.lower()], _NEEDS, f"file format of {path}:")
     if not 1 <= fps <= 100:
         raise ValueError(f"fps {fps} must be from 1 to 100")
@@ -38,12 +33,7 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
 
 
 class Film:
-    """Frames of an episode, sampled at a frame rate and scaled to a width.
-
-    Args:
-        fps: frames a second.
-        width: of a frame, pixels.
-    """
+    """Frames of an episode, sampled at ``fps`` frames a second and scaled to ``width`` pixels."""
 
     def __init__(self, fps: int, width: int) -> None:
         self._fps, self._width = fps, width

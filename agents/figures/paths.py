@@ -43,7 +43,8 @@ def draw_paths(records: Sequence[EpisodeRecord], start: str) -> Figure:
     total = _TOP + rows * row + _HEADING + _LINE + _CURVES + _BOTTOM
     sheet = new_sheet(WIDTH, total)
     sheet.set_layout_engine("none")  # panels of equal scale, placed to the inch
-    colors = _colors(records)
+    others = iter(_OTHER_COLORS)
+    colors = [rgb(_COLORS[record.policy] if record.policy in _COLORS else next(others)) for record in records]
     for place, (record, color) in enumerate(zip(records, colors, strict=True)):
         x, y = _LEFT + place % columns * (width + _GAP), _TOP + place // columns * row + heading
         axes = sheet.add_axes((x / WIDTH, 1.0 - (y + height) / total, width / WIDTH, height / total))
@@ -53,22 +54,11 @@ def draw_paths(records: Sequence[EpisodeRecord], start: str) -> Figure:
     axes = sheet.add_axes((_LEFT / WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / WIDTH, _CURVES / total))
     _draw_curves(axes, records, times, colors)
     target = "dotted: the reference" if _moves(records[0]) else "star: the goal"
-    if _rides(records[0]):
+    if records[0].picture.belt:
         target = "squares: the part on its belt"
     text = f"{start}. Numbers: the same {_INSTANTS} instants in every panel; darker: later; {target}. Axes in metres."
     sheet.text(0.5, 1.0 - 0.22 / total, text, ha="center", fontsize=9, color=rgb(palette.INK))
     return sheet
-
-
-def _colors(records: Sequence[EpisodeRecord]) -> list[Rgb]:
-    """The colours of known policies, and the remaining ones for the others."""
-    others = iter(_OTHER_COLORS)
-    return [rgb(_COLORS[record.policy] if record.policy in _COLORS else next(others)) for record in records]
-
-
-def _rides(record: EpisodeRecord) -> bool:
-    """Whether the target is a part on a belt."""
-    return record.picture.belt
 
 
 def _moves(record: EpisodeRecord) -> bool:
@@ -82,12 +72,12 @@ def _view(records: Sequence[EpisodeRecord], times: Array) -> tuple[float, float,
     for record in records:
         shown = [record.sample_at(time) for time in times]
         points += [record.joints[: shown[-1] + 1, -1], record.target[shown]]
-        if not _rides(record):
+        if not record.picture.belt:
             points.append(record.joints[shown].reshape(-1, 2))
         for disc, radius in enumerate(record.radii):
             points += [record.discs[shown, disc] + radius, record.discs[shown, disc] - radius]
     low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
-    if _rides(records[0]):
+    if records[0].picture.belt:
         low, high = low - np.array([_PART, _BELOW_BELT]), high + np.array([_PART, 0.5 * _BELT])
     margin = 0.06 * float((high - low).max())
     return float(low[0]) - margin, float(high[0]) + margin, float(low[1]) - margin, float(high[1]) + margin
@@ -95,15 +85,14 @@ def _view(records: Sequence[EpisodeRecord], times: Array) -> tuple[float, float,
 
 def _draw_panel(axes: Axes, record: EpisodeRecord, times: Array, color: Rgb, scale: float) -> None:
     """A policy's path through the plane; ``scale`` is points a metre."""
-    shown = _shown_samples(record, times)
+    shown, labels = _instants(record, times)
     shades = [record.t[sample] / times[-1] for sample in shown]
-    if _rides(record):
+    if record.picture.belt:
         height = float(record.target[0, 1])
         axes.axhspan(height - 0.5 * _BELT, height + 0.5 * _BELT, color=rgb(palette.BORDER), zorder=1)
     link = max(4.0, 2.0 * record.arm.link_radius * scale)
-    labels = _labels(record, shown, times)
     for sample, shade, label in zip(shown, shades, labels, strict=True):
-        if _rides(record):
+        if record.picture.belt:
             _draw_part(axes, record.target[sample], shade, label)
         for disc, radius in enumerate(record.radii):
             _draw_disc(axes, record.discs[sample, disc], float(radius), shade, label)
@@ -114,9 +103,11 @@ def _draw_panel(axes: Axes, record: EpisodeRecord, times: Array, color: Rgb, sca
     hand = record.joints[:until, -1]
     axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
     axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
-    if _moves(record) and not _rides(record):
+    if _moves(record) and not record.picture.belt:
         axes.plot(*record.target[:until].T, color=rgb(palette.INK), linestyle=":", linewidth=1.1, zorder=6.5)
-    _label_hands(axes, record.joints[shown, -1], labels, color)
+    for rank, (place, label) in enumerate(zip(record.joints[shown, -1], labels, strict=True)):
+        axes.plot(*place, marker="o", markersize=10.5, color="white", markeredgecolor=color, zorder=7 + 0.1 * rank)
+        _write(axes, place, label, color, 7.5, 7.05 + 0.1 * rank)
     if not _moves(record):
         star = {"color": rgb(palette.GOOD), "markeredgecolor": "white", "markersize": 24}
         axes.plot(*record.target[0], marker="*", zorder=6.5, **star)  # type: ignore[arg-type]
@@ -127,20 +118,18 @@ def _draw_panel(axes: Axes, record: EpisodeRecord, times: Array, color: Rgb, sca
     axes.set_axisbelow(True)
 
 
-def _shown_samples(record: EpisodeRecord, times: Array) -> list[int]:
-    """Samples at the times; if the episode ends earlier, its end replaces the times after or just before it."""
+def _instants(record: EpisodeRecord, times: Array) -> tuple[list[int], list[str]]:
+    """Samples at the times, and their numbers.
+
+    The end of an episode that ends earlier replaces the times after or just before it; it is labelled with a check mark
+    if it is a success, or else with a cross.
+    """
+    labels = [str(rank + 1) for rank in range(len(times))]
     if record.duration >= times[-1] - 1e-9:
-        return [record.sample_at(time) for time in times]
+        return [record.sample_at(time) for time in times], labels
     before = times[times < record.duration - 0.4 * (times[1] - times[0])]
-    return [record.sample_at(time) for time in (*before, record.duration)]
-
-
-def _labels(record: EpisodeRecord, shown: Sequence[int], times: Array) -> list[str]:
-    """Numbers of the instants; an earlier end is a check mark if it is a success, or else a cross."""
-    numbers = [str(rank + 1) for rank in range(len(shown))]
-    if record.duration >= times[-1] - 1e-9:
-        return numbers
-    return [*numbers[:-1], "\u2713" if record.info["is_success"] else "\u00d7"]
+    end = "\u2713" if record.info["is_success"] else "\u00d7"
+    return [record.sample_at(time) for time in (*before, record.duration)], [*labels[: len(before)], end]
 
 
 def _draw_arm(axes: Axes, joints: Array, shade: float, width: float) -> None:
@@ -166,12 +155,6 @@ def _draw_disc(axes: Axes, center: Array, radius: float, shade: float, label: st
     color = rgb(mix(palette.PANEL, palette.BAD, 0.15 + 0.85 * shade))
     axes.add_patch(Circle((center[0], center[1]), radius, facecolor=color, edgecolor=rgb(palette.BAD), zorder=2))
     _write(axes, center, label, rgb(palette.INK), 9.0, 6.6)
-
-
-def _label_hands(axes: Axes, hands: Array, labels: Sequence[str], color: Rgb) -> None:
-    for rank, (hand, label) in enumerate(zip(hands, labels, strict=True)):
-        axes.plot(*hand, marker="o", markersize=10.5, color="white", markeredgecolor=color, zorder=7 + 0.1 * rank)
-        _write(axes, hand, label, color, 7.5, 7.05 + 0.1 * rank)
 
 
 def _write(axes: Axes, center: Array, label: str, color: Rgb, size: float, zorder: float) -> None:

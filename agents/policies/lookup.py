@@ -25,13 +25,7 @@ _SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy with its name.
-
-    Attributes:
-        name: of its row in tables.
-        policy: the name of an expert, an object with Stable-Baselines3's ``predict``, or a function that makes one.
-        action_config: settings of the environment that define what its actions mean.
-    """
+    """A policy as `agents.evaluate` takes it, its name, and the settings that define what its actions mean."""
 
     name: str
     policy: Policy | PolicyMaker | str
@@ -43,11 +37,7 @@ class NamedPolicy:
         return isinstance(self.policy, str)
 
     def settings(self, env_config: Mapping[str, Any]) -> dict[str, Any]:
-        """The settings of an environment, with those of the policy's actions.
-
-        Raises:
-            ValueError: if they contradict each other.
-        """
+        """The settings of an environment, with those of the policy's actions; a ValueError if they contradict."""
         for name, value in self.action_config.items():
             if env_config.get(name, value) != value:
                 raise ValueError(

@@ -34,11 +34,7 @@ _LINES = 20
 
 
 class MoveCost:
-    """Cost of motions for observations of their starts, in torch; see `planners.motion.time_laws` for the motions.
-
-    Args:
-        task: of the moves.
-    """
+    """Cost of motions for observations of their starts, in torch; see `planners.motion.time_laws` for the motions."""
 
     def __init__(self, task: MinTorqueMove) -> None:
         share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
@@ -93,16 +89,10 @@ class MoveCost:
 def amortise(
     policy: Any, config: TrainingConfig, seed: int, progress: Callable[[str], bool] = lambda line: True
 ) -> bool:
-    """Fit the mean action of a policy to the least cost of the motions.
+    """Fit the mean action of a policy of PPO to the least cost of the motions; whether it was completed.
 
-    Args:
-        policy: of PPO; changed in place.
-        config: of the run; without an amortisation, nothing is done.
-        seed: of the first move and of the order of the moves.
-        progress: called with a line about every twentieth of the updates; says whether to continue.
-
-    Returns:
-        Whether it was completed.
+    ``seed`` is of the first move and of the order of the moves. ``progress`` is called with a line after every
+    twentieth of the updates and says whether to continue. Without an amortisation in ``config``, nothing is done.
     """
     plan = config.amortise
     if plan is None:
@@ -134,11 +124,7 @@ def amortise(
 
 
 def _moves(config: TrainingConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
-    """Observations of the starts of random moves, ``(moves, size)``, and their cost.
-
-    Raises:
-        ValueError: if the environment's actions are no motions.
-    """
+    """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
     with closing(gym.make_vec(config.env, num_envs=_N_ENVS, **config.env_config)) as env:
         task = env.unwrapped.task  # type: ignore[attr-defined]
         if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":

@@ -66,19 +66,16 @@ def make_agent(model: SegmentedPPO, seconds: float, scores: dict[str, float] | N
 
 
 def save_checkpoint(folder: Path, model: SegmentedPPO, state: RunState, agent: Agent) -> None:
-    """Write agents, metrics and the checkpoint, the checkpoint last: with it the segment counts as done.
-
-    Args:
-        folder: of the run.
-        model: networks and optimizer.
-        state: of the run, with the agent's row last.
-        agent: the agent of that row.
-    """
+    """Write the agent of the last row of ``state``, the metrics and, last, the checkpoint that ends the segment."""
     save_agent(agent, folder / "last.safetensors")
     *before, row = map(merit, state.rows)
     if row > max(before, default=(-1.0, 0.0)):
         save_agent(agent, folder / "best.safetensors")
-    write_text(folder / "metrics.csv", _csv_text(state.rows))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(state.rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(state.rows)
+    write_text(folder / "metrics.csv", text.getvalue())
     content = {
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
@@ -101,11 +98,3 @@ def load_checkpoint(folder: Path, model: SegmentedPPO) -> RunState:
     model.policy.optimizer.load_state_dict(content["optimizer"])
     model.num_timesteps, model._n_updates = content["steps"], content["updates"]
     return RunState(content["steps"], content["seconds"], content["rows"])
-
-
-def _csv_text(rows: list[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

@@ -25,16 +25,9 @@ def dagger(policy: Any, config: TrainingConfig, seed: int, progress: Callable[[s
     """Fit the mean action of a policy to an expert's, and its value to the returns of the fitted policy.
 
     The expert acts in the first iteration, which is behaviour cloning, and the policy in the later ones. The expert
-    labels every state visited, and each iteration fits the policy to the samples of all iterations so far.
-
-    Args:
-        policy: of PPO; changed in place.
-        config: of the run; without a warm start, nothing is done.
-        seed: of the first episode and of the order of the samples.
-        progress: called with a line about each iteration; says whether to continue.
-
-    Returns:
-        Whether it was completed.
+    labels every state visited, and each iteration fits the policy to the samples of all iterations so far. ``seed`` is
+    of the first episode and of the order of the samples. ``progress`` is called with a line after each iteration and
+    says whether to continue; the return value says whether all is done. Without a warm start in ``config``, it is.
     """
     plan = config.warm_start
     if plan is None:
@@ -63,11 +56,7 @@ def collect(
 ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]], list[Array]]:
     """The first episode of each environment: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
 
-    Args:
-        env: environments.
-        expert_name: of the expert that labels the observations.
-        actor: the policy that acts; None for the expert itself.
-        seed: of the first environment; each further environment has the next seed.
+    ``actor`` acts, or the expert if it is None. Environment i is reset with ``seed`` + i.
     """
     expert = envs.make_expert(expert_name, env)
     observation, _ = env.reset(seed=seed)

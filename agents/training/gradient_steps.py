@@ -28,12 +28,10 @@ def gradient_steps(
 
     Args:
         optimizer: of the parameters; its first learning rates are those that ``rate`` scales.
-        loss: of a minibatch.
-        samples: how many there are to draw from.
+        loss: of a minibatch, which ``generator`` draws from so many ``samples``.
         settings: number of updates, and size of a minibatch.
-        generator: draws the minibatches.
         rate: factor on the learning rates, by the number of the update.
-        max_norm: the gradient is scaled down to this norm.
+        max_norm: a longer gradient is scaled down to this norm.
     """
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     for update in range(settings.updates):

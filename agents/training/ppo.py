@@ -33,13 +33,7 @@ class FineFeatures(BaseFeaturesExtractor):  # type: ignore[misc]
 
 
 class SegmentedPPO(PPO):  # type: ignore[misc]
-    """PPO whose schedules follow the whole run, over any number of calls of ``learn``.
-
-    Args:
-        config: of the run.
-        env: environments to learn in.
-        layout: of their observations.
-    """
+    """PPO whose schedules follow the whole run, over any number of calls of ``learn``."""
 
     def __init__(self, config: TrainingConfig, env: NativeVecEnv, layout: Layout) -> None:
         self.config = config

@@ -116,12 +116,5 @@ class TrainingConfig(Settings):
         return -(-self.checkpoint_steps // rollout) * rollout
 
     def overridden(self, changes: Iterable[str]) -> Self:
-        """These settings with some changed.
-
-        Args:
-            changes: ``key=value``; dots lead into nested settings, values are YAML.
-
-        Raises:
-            ValueError: for anything but ``key=value``, an unknown key or an impossible value.
-        """
+        """These settings with some changed as by `agents.yaml_config.assigned`; an impossible one is a ValueError."""
         return self.parse(assigned(self.model_dump(), changes), "training setting")

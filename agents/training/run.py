@@ -92,7 +92,8 @@ class TrainingRun:
         watcher = watcher or Watcher()
         torch.set_num_threads(1)  # for so small a network, synchronising a second thread costs more than it saves
         layout = layout_of(self.config.env, self.config.env_config)
-        with closing(_make_env(self.config)) as env:
+        batch = gym.make_vec(self.config.env, num_envs=self.config.num_envs, **self.config.env_config)
+        with closing(NativeVecEnv(WholeEpisodes(batch) if self.config.whole_episodes else batch)) as env:
             model = SegmentedPPO(self.config, env, layout)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self.state = load_checkpoint(self.folder, model)
@@ -161,8 +162,3 @@ class _WatcherCallback(BaseCallback):  # type: ignore[misc]
         self.watcher.step(self.num_timesteps)
         self.stopped = self.watcher.stop()
         return not self.stopped
-
-
-def _make_env(config: TrainingConfig) -> NativeVecEnv:
-    env = gym.make_vec(config.env, num_envs=config.num_envs, **config.env_config)
-    return NativeVecEnv(WholeEpisodes(env) if config.whole_episodes else env)

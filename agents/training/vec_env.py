@@ -17,13 +17,7 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
 
     Infos are empty except for environments whose episode has just ended. Those hold the episode's last info,
     ``episode`` (return and length, as Monitor writes them), ``terminal_observation``, and ``TimeLimit.truncated``,
-    which makes SB3 bootstrap from the value.
-
-    Args:
-        env: any of planarm's vector environments.
-
-    Raises:
-        ValueError: for another autoreset mode.
+    which makes SB3 bootstrap from the value. Another autoreset mode is a ValueError.
     """
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
