@@ -1,4 +1,4 @@
-"""The grid search of Algorithms 1 and 2 of the minimal-torque paper, compiled: every combination of the curves."""
+"""The grid search of Algorithms 1 and 2 of the minimal-torque paper, compiled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def least_torque(
     first: NDArray[np.int64],
     weights: Array,
 ) -> NDArray[np.int64]:
-    """Which curve each joint takes, ``(n,)``, for the least PI, by trying every combination.
+    """Index of each joint's curve, ``(n,)``, in the combination of least PI of all.
 
     The torques are those of :mod:`planners.robot.dynamics` with a link's direction as a complex number z = exp(i
     phi), which needs no sines: the moment on link i is ``Im(conj(z_i) (sum_j a_ij z_j'' + i weight_i))``.
@@ -28,7 +28,7 @@ def least_torque(
         coupling, weight: the arm's chain constants.
         turn, speed, acceleration: exp(i q), q' and q'' of the curves of all joints, one joint after the other,
             ``(curves, samples)``.
-        first: where each joint's curves begin, and where the last one's end, ``(n + 1,)``.
+        first: row of each joint's first curve, and the number of rows, ``(n + 1,)``.
         weights: of the samples in the integral over time, ``(samples,)``, s.
     """
     n, samples = len(first) - 1, len(weights)
@@ -51,7 +51,7 @@ def least_torque(
                 for i in range(n):
                     pull[s, i] += coupling[i, j] * (1j * alpha[s] - w[s] ** 2) * direction
             z[s, outer] = direction
-        # PI (eq 6) of every curve of the last joint, given up where it exceeds the least one so far
+        # PI (eq 6) of every curve of the last joint, until it exceeds the least one so far
         for last in range(first[outer], first[n]):
             total = 0.0
             for s in range(samples):
@@ -63,7 +63,7 @@ def least_torque(
                     tau += (np.conj(z[s, i]) * (pull[s, i] + coupling[i, outer] * tip_pull)).imag
                     rate += abs(tau)
                 total += weights[s] * rate
-                if total >= best:  # it can only grow
+                if total >= best:
                     break
             if total < best:
                 best = total

@@ -12,50 +12,33 @@ SIAM J. Sci. Comput. 20 (1999), which keeps Newton's method fast where the kink 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 from planners.lagrange.banded import factorise, substitute
-from planners.lagrange.newton import Model, Point, TorqueTask, bounded, displace, index, look_at, newton_model
+from planners.lagrange.newton import Model, Point, TorqueTask, bounded, displace, evaluate, index, newton_model
 from planners.lagrange.transcription import Transcription
 from planners.typing import Array
 
-FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-6
+LAST_BARRIER = 1e-6
 SMOOTHING, LEAST_SMOOTHING = 10.0, 1e-3
 """Width of the smoothed |tau| per barrier parameter, and its least, units of torque."""
 TO_BOUNDARY = 0.99
-"""Share of the way to the edge of the barrier that a step may go."""
+"""Largest step, as a share of the step to the boundary."""
 
 HALVINGS = 10
 
 
-class Result(NamedTuple):
-    """What the solver found.
-
-    Attributes:
-        unknowns: absolute link angles, ``(unknowns, n)``.
-        load: worst |value| / limit at the instants.
-        converged: whether the conditions of a minimum are met.
-    """
-
-    unknowns: Array
-    load: float
-    converged: bool
-
-
 @njit(cache=True, nogil=True)
-def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tolerance: float, most: int) -> Result:
-    """Local minimum from a start.
+def solve(
+    tr: Transcription, task: TorqueTask, start: Array, barrier: float, tolerance: float, most: int
+) -> tuple[Array, float]:
+    """Local minimum from ``start``: the unknowns, ``(unknowns, n)``, and the worst |value| / limit at the instants.
 
-    Args:
-        tr, task: the motion as a linear map of the unknowns; index and limits.
-        start: unknowns, ``(unknowns, n)``.
-        barrier, tolerance, most: first barrier parameter, tolerance of the index, number of iterations.
+    ``barrier`` is the first barrier parameter, ``tolerance`` that of the index, ``most`` the number of iterations.
     """
     weights = tr.weights / tr.weights.sum()
-    x, point = start.copy(), look_at(tr, task, start)
+    x, point = start.copy(), evaluate(tr, task, start)
     rooms = _rooms(point.load)
     slacks = np.maximum(rooms, min(0.1, 10.0 * barrier))
     duals = barrier / slacks
@@ -63,10 +46,9 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
     sign = np.zeros_like(point.tau)
     _turn_signs(sign, point.tau, sign, eps, 1.0)
     shift, penalty = 0.0, 1.0
-    converged = False
     for _ in range(most):
         # Newton's step of unknowns, torques, loads, slacks and duals
-        force, multiplier, stiffness = _push(slacks, duals, rooms, barrier)
+        force, multiplier, stiffness = _barrier_force(slacks, duals, rooms, barrier)
         model = newton_model(tr, task, weights, point, sign, eps, force, multiplier, stiffness)
         step, shift = _regularised_step(model, shift, x.shape[0])
         links_step = displace(tr, step.reshape(x.shape))
@@ -88,7 +70,7 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
         length, accepted = reach, False
         for _halving in range(HALVINGS):
             trial = x + length * step.reshape(x.shape)
-            new_point = look_at(tr, task, trial)
+            new_point = evaluate(tr, task, trial)
             new_rooms = _rooms(new_point.load)
             new_slacks = _advance(slacks, rooms, slacks_step, length, new_rooms)
             new = _merit(weights, task, new_point, new_slacks, new_rooms, barrier, eps, penalty)
@@ -114,14 +96,12 @@ def solve(tr: Transcription, task: TorqueTask, start: Array, barrier: float, tol
             and decrement < max(10.0 * barrier, tolerance)
             and np.all(np.abs(slacks - rooms) < 1e-6)
         ):
-            converged = barrier <= LAST_BARRIER and decrement < tolerance
+            if barrier <= LAST_BARRIER and decrement < tolerance:
+                break
             barrier = max(LAST_BARRIER, 0.15 * barrier)
             eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
             penalty = 1.0
-            if converged:
-                break
-    load = np.max(np.abs(point.load)) if point.load.size > 0 else 0.0
-    return Result(x, load, converged)
+    return x, np.max(np.abs(point.load)) if point.load.size > 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -140,10 +120,10 @@ def _rooms(load: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _push(slacks: Array, duals: Array, rooms: Array, barrier: float) -> tuple[Array, Array, Array]:
+def _barrier_force(slacks: Array, duals: Array, rooms: Array, barrier: float) -> tuple[Array, Array, Array]:
     """For each limit: force of the barrier on its load, present multiplier, stiffness of the barrier."""
-    pushes, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
-    return pushes[0] - pushes[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
+    forces, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
+    return forces[0] - forces[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
 
 
 @njit(cache=True, nogil=True)
@@ -173,7 +153,7 @@ def _move_duals(duals: Array, steps: Array, length: float, slacks: Array, barrie
 
 @njit(cache=True, nogil=True)
 def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array, float]:
-    """Newton's step, the diagonal raised until the matrix is positive definite, and by how much it was."""
+    """Newton's step, with a shift of the diagonal that makes the matrix positive definite, and that shift."""
     step, factor = np.zeros_like(model.gradient), np.empty_like(model.hessian)
     while shift < 1e12:
         factor[:] = model.hessian
@@ -201,7 +181,7 @@ def _torque_step(model: Model, links_step: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _longest(values: Array, steps: Array) -> float:
-    """How far positive values may go along their steps, at most 1."""
+    """Largest share of the steps that keeps positive values positive, at most 1."""
     values, steps, reach = values.ravel(), steps.ravel(), 1.0
     for i in range(values.shape[0]):
         if steps[i] < 0.0:
@@ -211,9 +191,9 @@ def _longest(values: Array, steps: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms: Array) -> Array:
-    """Slacks after a step: the room itself where the limit was kept or now is, what the step says elsewhere.
+    """Slacks after a step: the room itself where the limit was or is kept, those of Newton's step elsewhere.
 
-    Negative where a limit that was kept is about to be broken: such a step is refused.
+    Negative, so that the step is refused, where it breaks a limit that was kept.
     """
     kept = np.where(new_rooms > 0.5 * (1.0 - TO_BOUNDARY) * slacks, new_rooms, -1.0)
     return np.where(slacks == rooms, kept, np.maximum(new_rooms, slacks + length * steps))
@@ -230,7 +210,7 @@ def _merit(
     eps: float,
     penalty: float,
 ) -> float:
-    """Smoothed index with the barrier of the slacks and the l1 penalty on what they miss; inf outside the barrier."""
+    """Smoothed index with the barrier of the slacks and an l1 penalty on broken limits; inf outside the barrier."""
     if not np.all(slacks > 0.0):
         return np.inf
     smooth = index(weights, point.tau, task.power, eps)

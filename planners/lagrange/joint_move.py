@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BPoly
 
-from planners.lagrange.interior_point import Result, solve
+from planners.lagrange.interior_point import solve
 from planners.lagrange.newton import TorqueTask
-from planners.lagrange.transcription import Basis, Ends, Transcription, fit, motion, transcribe
+from planners.lagrange.transcription import Basis, Ends, fit, motion, transcribe
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
@@ -25,7 +25,22 @@ KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 CLOSE = 0.05
 """Share of the duration within which the motion leaves a limit that the start lies on, or comes to one of the end."""
 
+FIRST_TIGHTENING = 1.0 - 5e-4
+"""Share of the limits that a first solution uses."""
+
 _ORDERS = np.array([-1, 1, 2, 3, 0])
+
+
+class Index(NamedTuple):
+    """The objective, and the torque that counts as 1 in it, N m."""
+
+    objective: Objective
+    unit: float
+
+    @property
+    def smooth(self) -> Index:
+        """PI2 in the same unit."""
+        return Index("PI2", self.unit)
 
 
 @dataclass(frozen=True)
@@ -41,9 +56,9 @@ class JointMove:
     duration: float
     clamp_acceleration: bool
 
-    def lasting(self, duration: float) -> JointMove:
-        """The same move in another time (s)."""
-        return replace(self, duration=duration)
+    def to(self, end: Array, duration: float) -> JointMove:
+        """The move to another end, ``(3, n)``, in another time (s)."""
+        return replace(self, ends=Ends(self.ends.start, end), duration=duration)
 
     @property
     def limit_table(self) -> Array:
@@ -63,28 +78,21 @@ class JointMove:
     def quintic(self, s: Array) -> Array:
         """Joint angles of the quintic between the ends at ``s`` in [0, 1], ``(points, n)``."""
         powers = self.duration ** np.arange(3)[:, None]
-        curve = BPoly.from_derivatives([0.0, 1.0], [self.ends.start * powers, self.ends.end * powers])
-        angles: Array = curve(s)
+        angles: Array = BPoly.from_derivatives([0.0, 1.0], [self.ends.start * powers, self.ends.end * powers])(s)
         return angles
 
-    def transcribe(self, basis: Basis) -> Transcription:
-        """The move on a basis."""
-        return transcribe(basis, self.ends, self.duration)
-
-    def task(self, basis: Basis, objective: Objective, tightening: Array, unit: float) -> TorqueTask:
-        """The index and the limits, of which ``tightening`` ``(5,)`` is the share to be used, by kind; close to the
-        ends it is at least what those need. ``unit`` is the torque that counts as 1, N m.
-        """
+    def task(self, basis: Basis, index: Index, tightening: Array) -> TorqueTask:
+        """The index, and the share ``tightening``, ``(5,)``, of each kind of limit; near the ends what those need."""
         excess = np.maximum(self.end_loads - tightening[:, None], 0.0)
         closeness = np.maximum(1.0 - np.stack([basis.s, 1.0 - basis.s]) / CLOSE, 0.0)
         share = tightening[:, None] + np.einsum("sk,sij->kij", closeness, excess)
         kinds, joints = np.nonzero(np.isfinite(self.limit_table))
         inverse = 1.0 / (share * self.limit_table)[:, kinds, joints]
-        # what the ends decide alone is no matter of the unknowns
+        # values that depend on the ends alone are not limited
         acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
         inverse *= np.column_stack([acts, acts[:, :3].any(axis=1)])[:, _ORDERS[kinds]]
         coupling, weight = self.arm.chain_constants
-        return TorqueTask(coupling, weight, _ORDERS[kinds], joints, inverse, int(objective[2]), unit)
+        return TorqueTask(coupling, weight, _ORDERS[kinds], joints, inverse, int(index.objective[2]), index.unit)
 
 
 @dataclass(frozen=True)
@@ -100,21 +108,19 @@ class Minimum:
 
     def seen_on(self, basis: Basis) -> Array:
         """Joint angles and their derivatives at the instants of a basis of the same functions, ``(4, points, n)``."""
-        return motion(self.move.transcribe(basis), self.unknowns)
+        return motion(transcribe(basis, self.move.ends, self.move.duration), self.unknowns)
 
     def index(self, objective: Objective, basis: Basis | None = None) -> float:
         """The index at the instants of its own or another basis of the same functions, SI units."""
         basis = basis or self.basis
         q, qd, qdd, _ = self.seen_on(basis)
         tau = self.move.arm.inverse_dynamics(q, qd, qdd)
-        rate = np.abs(tau).sum(axis=1) if objective == "PI1" else np.square(tau).sum(axis=1)
-        return float(basis.weights @ rate) * self.move.duration
+        return float(basis.weights @ torque_rate(tau, objective)) * self.move.duration
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How hard the solver tries: first barrier parameter (small from a good start), tolerance of the index as a
-    fraction of the quintic's, most iterations.
+class Effort(NamedTuple):
+    """First barrier parameter (small from a good start), tolerance of the index as a fraction of the quintic's, and
+    most iterations of the solver.
     """
 
     barrier: float
@@ -122,16 +128,21 @@ class Effort:
     iterations: int
 
 
-def minimise(
-    move: JointMove, basis: Basis, q: Array, objective: Objective, tightening: Array, unit: float, effort: Effort
-) -> Minimum:
-    """The local minimum that joint angles ``q`` at the basis' instants, ``(points, n)``, rad, lead to.
+def torque_rate(tau: Array, objective: Objective) -> Array:
+    """Integrand of the objective, ``(samples,)``, for torques ``(samples, n)``, N m."""
+    rate: Array = (np.abs(tau) if objective == "PI1" else np.square(tau)).sum(axis=1)
+    return rate
 
-    ``tightening`` ``(5,)`` is the share of the limits to be used, by kind; ``unit`` is the torque that counts as 1, N
-    m.
+
+def minimise(
+    move: JointMove, basis: Basis, q: Array, index: Index, effort: Effort, tightening: Array | None = None
+) -> Minimum:
+    """The local minimum from joint angles ``q`` at the basis' instants, ``(points, n)``, rad.
+
+    ``tightening`` ``(5,)`` is the share of each kind of limit to be used, `FIRST_TIGHTENING` by default.
     """
-    transcription = move.transcribe(basis)
-    task = move.task(basis, objective, tightening, unit)
+    share = np.full(len(KINDS), FIRST_TIGHTENING) if tightening is None else tightening
+    transcription = transcribe(basis, move.ends, move.duration)
     start = np.ascontiguousarray(fit(basis, transcription, q))
-    solution: Result = solve(transcription, task, start, effort.barrier, effort.tolerance, effort.iterations)
-    return Minimum(move, basis, solution.unknowns, solution.load <= 1.0 + 1e-5)
+    unknowns, load = solve(transcription, move.task(basis, index, share), start, *effort)
+    return Minimum(move, basis, unknowns, load <= 1.0 + 1e-5)

@@ -1,4 +1,4 @@
-"""The search for the least torque: many sketches with few nodes, the best of them refined and checked densely."""
+"""Multistart search for the least torque: coarse solutions, the best refined and checked on a dense grid."""
 
 from __future__ import annotations
 
@@ -8,24 +8,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.lagrange.joint_move import KINDS, Curve, Effort, JointMove, Minimum, Objective, minimise
+from planners.lagrange.joint_move import (
+    FIRST_TIGHTENING,
+    KINDS,
+    Curve,
+    Effort,
+    Index,
+    JointMove,
+    Minimum,
+    Objective,
+    minimise,
+    torque_rate,
+)
 from planners.lagrange.starts import start_curves
 from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
 from planners.typing import Array
 
-SKETCH_DEGREE, SKETCH_POINTS = 10, 49
+COARSE_DEGREE, COARSE_POINTS = 10, 49
 POINTS_PER_DEGREE = 4
 DENSE_POINTS, SAMPLES, UNIT_POINTS = 1201, 401, 101
 DENSE_LOAD = 1.0 - 1e-5
 """Largest load a plan may show on the dense grid: a little less than 1, for what lies between two instants."""
 
-
-SKETCH = Effort(barrier=1e-2, tolerance=1e-4, iterations=45)
-RESKETCH = Effort(barrier=1e-3, tolerance=1e-4, iterations=40)
+COARSE = Effort(barrier=1e-2, tolerance=1e-4, iterations=45)
+COARSE_AGAIN = Effort(barrier=1e-3, tolerance=1e-4, iterations=40)
 REFINE = Effort(barrier=1e-3, tolerance=3e-5, iterations=100)
 REPAIR = Effort(barrier=1e-4, tolerance=3e-5, iterations=60)
 PROBE = Effort(barrier=1e-2, tolerance=math.inf, iterations=40)
-"""For a motion that just keeps the limits."""
+"""For any motion within the limits."""
 
 PROBE_DEGREE, PROBE_POINTS = 14, 57
 
@@ -33,21 +43,20 @@ POLISH = Effort(barrier=1e-5, tolerance=1e-5, iterations=150)
 STAGES, POINTS_PER_STAGE, SAMPLES_PER_STAGE, DENSE_PER_STAGE = 150, 2, 4, 8
 """Of the dense transcription: cubic splines, the acceleration linear on every stage."""
 
-RIVALS = 3
-"""How many sketches are followed up."""
+MOST_REFINED = 3
+"""Number of coarse solutions that are refined."""
 
 MOST_MOVES, MOST_STARTS = 2, 10
-"""How many alternative moves are sketched from more than the quintic, and from how many starts altogether."""
+"""Number of alternative moves with more starts than the quintic, and of these starts altogether."""
 
-ALIKE = 1e-3
-"""Relative difference of the index up to which two sketches count as one."""
+SAME_INDEX = 1e-3
+"""Relative difference of the index up to which two coarse solutions count as the same."""
 
 OVERSHOOT = 1e-6
-"""How much further, as a fraction of the limit, a joint may go where an end of the move lies on the limit itself."""
+"""Excess, as a fraction of the limit, that is accepted where an end of the move lies on the limit itself."""
 
-FIRST_TIGHTENING = 1.0 - 5e-4
 BACK_OFF, ATTEMPTS = 1e-4, 6
-"""How much tighter than the excess the limits become for the next attempt, and how many there are."""
+"""By how much more than the excess the limits are tightened for the next attempt, and the number of attempts."""
 
 
 class Fit(NamedTuple):
@@ -66,6 +75,14 @@ class Fit(NamedTuple):
         return lambda at: np.stack([np.interp(at, s, angles) for angles in q.T], axis=1)
 
 
+class Bases(NamedTuple):
+    """The same functions at the instants of the search, on a dense grid, and at equally spaced samples."""
+
+    search: Basis
+    dense: Basis
+    samples: Basis
+
+
 def least_torque(
     moves: Sequence[JointMove], objective: Objective, degree: int, guess: Curve | None = None
 ) -> Fit | None:
@@ -73,16 +90,16 @@ def least_torque(
 
     None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too.
     """
-    unit = max(torque_unit(move, objective) for move in moves)
+    index = Index(objective, max(torque_unit(move, objective) for move in moves))
     if len(moves) > 1:
-        first = [_sketch(move, "PI2", move.quintic, unit) for move in moves]
-        moves = [sketch.move for sketch in rank(first, objective)[:MOST_MOVES]]
+        first = [_coarse(move, index.smooth, move.quintic) for move in moves]
+        moves = [solution.move for solution in _best(first, objective)[:MOST_MOVES]]
     share = MOST_STARTS // len(moves)
-    sketches = [sketch for move in moves for sketch in _sketches(move, objective, unit, slice(share), guess)]
+    solutions = [solution for move in moves for solution in _solutions(move, index, slice(share), guess)]
     if len(moves) > 1:
-        sketches += _sketches(rank(sketches, objective)[0].move, objective, unit, slice(share, None), None)
-    for sketch in rank(sketches, objective):
-        fit = refine(sketch, objective, degree, unit)
+        solutions += _solutions(_best(solutions, objective)[0].move, index, slice(share, None), None)
+    for solution in _best(solutions, objective):
+        fit = _refine(solution, degree, index)
         if fit is not None:
             return fit
     return None
@@ -94,111 +111,98 @@ def torque_unit(move: JointMove, objective: Objective) -> float:
     q = move.quintic(s)
     rates = np.gradient(q, s, axis=0) / move.duration
     tau = move.arm.inverse_dynamics(q, rates, np.gradient(rates, s, axis=0) / move.duration)
-    mean = np.abs(tau).sum(axis=1).mean() if objective == "PI1" else np.sqrt(np.square(tau).sum(axis=1).mean())
-    return max(float(mean), 1e-9)
-
-
-def rank(sketches: Sequence[Minimum], objective: Objective) -> list[Minimum]:
-    """The best sketches, no two alike, best first; those that keep the limits before those that do not."""
-    scored = sorted(((not sketch.feasible, sketch.index(objective)), i) for i, sketch in enumerate(sketches))
-    best: list[tuple[tuple[bool, float], int]] = []
-    for score, i in scored:
-        if len(best) < RIVALS and not (best and abs(score[1] - best[-1][0][1]) < ALIKE * score[1]):
-            best.append((score, i))
-    return [sketches[i] for _, i in best]
-
-
-def refine(sketch: Minimum, objective: Objective, degree: int, unit: float) -> Fit | None:
-    """The sketch on a finer basis, tightened until it keeps the limits on the dense grid; None if it never does."""
-    move = sketch.move
-    basis = lagrange_basis(degree, move.clamp_acceleration, POINTS_PER_DEGREE * degree + 1)
-    dense = lagrange_basis(degree, move.clamp_acceleration, DENSE_POINTS)
-    sketched = lagrange_basis(SKETCH_DEGREE, move.clamp_acceleration, POINTS_PER_DEGREE * degree + 1)
-    samples = lagrange_basis(degree, move.clamp_acceleration, SAMPLES, uniform=True)
-    found = within_limits(move, basis, dense, sketch.seen_on(sketched)[0], objective, unit, (REFINE, REPAIR))
-    return None if found is None else Fit(found[0], samples, found[1])
+    mean = torque_rate(tau, objective).mean()
+    return max(float(mean if objective == "PI1" else np.sqrt(mean)), 1e-9)
 
 
 def polished(fit: Fit, objective: Objective) -> Fit:
     """The local minimum among splines close to a motion, if it is the better one."""
     move = fit.minimum.move
-    basis = spline_basis(STAGES, move.clamp_acceleration, POINTS_PER_STAGE)
-    dense = spline_basis(STAGES, move.clamp_acceleration, DENSE_PER_STAGE)
-    samples = spline_basis(STAGES, move.clamp_acceleration, SAMPLES_PER_STAGE)
-    unit = torque_unit(move, objective)
-    found = within_limits(move, basis, dense, fit.curve(basis.s), objective, unit, (POLISH, POLISH))
-    if found is None or found[0].index(objective, samples) > fit.minimum.index(objective, fit.samples):
+    bases = Bases(
+        *(
+            spline_basis(STAGES, move.clamp_acceleration, n)
+            for n in (POINTS_PER_STAGE, DENSE_PER_STAGE, SAMPLES_PER_STAGE)
+        )
+    )
+    index = Index(objective, torque_unit(move, objective))
+    found = _within_limits(move, bases, fit.curve(bases.search.s), index, (POLISH, POLISH))
+    if found is None or found.minimum.index(objective, bases.samples) > fit.minimum.index(objective, fit.samples):
         return fit
-    return Fit(found[0], samples, found[1])
+    return found
 
 
-def within_limits(
-    move: JointMove,
-    basis: Basis,
-    dense: Basis,
-    q: Array,
-    objective: Objective,
-    unit: float,
-    efforts: tuple[Effort, Effort],
-) -> tuple[Minimum, dict[str, float]] | None:
-    """A local minimum that keeps the limits on a dense grid, by backing off where it does not, with its limit ratios.
+def reaches(move: JointMove) -> bool:
+    """Whether a motion close to the quintic keeps the limits: quick, and may miss motions that do."""
+    basis = lagrange_basis(PROBE_DEGREE, move.clamp_acceleration, PROBE_POINTS)
+    return minimise(move, basis, move.quintic(basis.s), Index("PI2", torque_unit(move, "PI2")), PROBE).feasible
 
-    It starts from joint angles ``q`` at the instants of ``basis``, ``(points, n)``, rad; ``dense`` has the same
-    functions on a dense grid, and ``efforts`` are those from this start and from close by. ``unit`` is the torque
-    that counts as 1, N m.
+
+def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
+    """The best solutions, no two of the same index, best first; those that keep the limits before the others."""
+    scored = sorted(((not solution.feasible, solution.index(objective)), i) for i, solution in enumerate(solutions))
+    best: list[tuple[float, int]] = []
+    for (_, value), i in scored:
+        if len(best) < MOST_REFINED and not (best and abs(value - best[-1][0]) < SAME_INDEX * value):
+            best.append((value, i))
+    return [solutions[i] for _, i in best]
+
+
+def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None) -> list[Minimum]:
+    """Local minima with few nodes: of PI2 from every start, which is the smoother problem, then of the objective."""
+    curves = [*start_curves(move)[starts], *([guess] if guess else [])]
+    solutions = [_coarse(move, index.smooth, curve) for curve in curves]
+    if index.objective == "PI2":
+        return solutions
+    return [
+        minimise(move, solution.basis, solution.seen_on(solution.basis)[0], index, COARSE_AGAIN)
+        for solution in _best(solutions, index.objective)
+    ]
+
+
+def _coarse(move: JointMove, index: Index, curve: Curve) -> Minimum:
+    """A local minimum with few nodes from a start."""
+    basis = lagrange_basis(COARSE_DEGREE, move.clamp_acceleration, COARSE_POINTS)
+    return minimise(move, basis, curve(basis.s), index, COARSE)
+
+
+def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
+    """A coarse solution on a finer basis within the limits of the dense grid; None if there is none."""
+    move, points = solution.move, POINTS_PER_DEGREE * degree + 1
+    clamp = move.clamp_acceleration
+    bases = Bases(
+        lagrange_basis(degree, clamp, points),
+        lagrange_basis(degree, clamp, DENSE_POINTS),
+        lagrange_basis(degree, clamp, SAMPLES, uniform=True),
+    )
+    start = solution.seen_on(lagrange_basis(COARSE_DEGREE, clamp, points))[0]
+    return _within_limits(move, bases, start, index, (REFINE, REPAIR))
+
+
+def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, efforts: tuple[Effort, Effort]) -> Fit | None:
+    """A local minimum that keeps the limits on the dense grid, by tightening them where it does not.
+
+    It starts from joint angles ``q`` at the instants of the search, ``(points, n)``, rad; ``efforts`` are those of the
+    first and of the later attempts, which start close by.
     """
     given = move.end_loads.max(axis=(0, 2))
     allowed = np.where(given > DENSE_LOAD, np.maximum(1.0, given + OVERSHOOT), DENSE_LOAD)
     tightening = np.full(len(KINDS), FIRST_TIGHTENING)
     start, effort = q, efforts[0]
     for _ in range(ATTEMPTS):
-        minimum = minimise(move, basis, start, objective, tightening, unit, effort)
-        loads = dense_loads(minimum, dense)
+        minimum = minimise(move, bases.search, start, index, effort, tightening)
+        loads = _loads(minimum, bases.dense)
         if (loads <= allowed).all():
-            return minimum, dict(zip(KINDS, loads.tolist(), strict=True))
+            return Fit(minimum, bases.samples, dict(zip(KINDS, loads.tolist(), strict=True)))
         if not minimum.feasible:
             return None
         tightening *= np.where(loads > allowed, (1.0 - BACK_OFF) * allowed / np.maximum(loads, allowed), 1.0)
-        start, effort = minimum.seen_on(basis)[0], efforts[1]
+        start, effort = minimum.seen_on(bases.search)[0], efforts[1]
     return None
 
 
-def dense_loads(minimum: Minimum, dense: Basis) -> Array:
+def _loads(minimum: Minimum, basis: Basis) -> Array:
     """Worst |value| / limit of every kind at the instants of a basis of the same functions, ``(5,)``."""
-    move = minimum.move
-    q, qd, qdd, jerk = minimum.seen_on(dense)
-    values = np.stack([move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q])
-    loads: Array = np.max(np.abs(values) / move.limit_table[:, None], axis=(1, 2))
+    q, qd, qdd, jerk = minimum.seen_on(basis)
+    values = np.stack([minimum.move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q])
+    loads: Array = np.max(np.abs(values) / minimum.move.limit_table[:, None], axis=(1, 2))
     return loads
-
-
-def reaches(move: JointMove) -> bool:
-    """Whether a motion close to the quintic keeps the limits: a quick answer, and a cautious one."""
-    basis = lagrange_basis(PROBE_DEGREE, move.clamp_acceleration, PROBE_POINTS)
-    return _minimise(move, basis, move.quintic(basis.s), "PI2", torque_unit(move, "PI2"), PROBE).feasible
-
-
-def _sketches(move: JointMove, objective: Objective, unit: float, starts: slice, guess: Curve | None) -> list[Minimum]:
-    """Local minima with few nodes: of PI2 from every start, which is the smoother problem, then of the objective."""
-    curves = [*start_curves(move)[starts], *([guess] if guess else [])]
-    sketches = [_sketch(move, "PI2", curve, unit) for curve in curves]
-    if objective == "PI2":
-        return sketches
-    basis = _sketch_basis(move)
-    return [
-        _minimise(move, basis, sketch.seen_on(basis)[0], objective, unit, RESKETCH)
-        for sketch in rank(sketches, objective)
-    ]
-
-
-def _sketch(move: JointMove, objective: Objective, curve: Curve, unit: float) -> Minimum:
-    basis = _sketch_basis(move)
-    return _minimise(move, basis, curve(basis.s), objective, unit, SKETCH)
-
-
-def _sketch_basis(move: JointMove) -> Basis:
-    return lagrange_basis(SKETCH_DEGREE, move.clamp_acceleration, SKETCH_POINTS)
-
-
-def _minimise(move: JointMove, basis: Basis, q: Array, objective: Objective, unit: float, effort: Effort) -> Minimum:
-    return minimise(move, basis, q, objective, np.full(len(KINDS), FIRST_TIGHTENING), unit, effort)

@@ -14,7 +14,7 @@ from planners.typing import Array
 
 
 class TorqueTask(NamedTuple):
-    """What is to be minimised within what limits.
+    """The index to minimise and the limits.
 
     Attributes:
         coupling, weight: constants of the arm's dynamics.
@@ -69,7 +69,7 @@ def displace(tr: Transcription, x: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def look_at(tr: Transcription, task: TorqueTask, x: Array) -> Point:
+def evaluate(tr: Transcription, task: TorqueTask, x: Array) -> Point:
     """Motion, torques and loads for unknowns ``x`` ``(unknowns, n)``."""
     links = displace(tr, x) + tr.base
     tau = np.empty((links.shape[0], x.shape[1]))
@@ -80,7 +80,7 @@ def look_at(tr: Transcription, task: TorqueTask, x: Array) -> Point:
 
 @njit(cache=True, nogil=True)
 def bounded(task: TorqueTask, links: Array, tau: Array) -> Array:
-    """What every limit bounds, over the limit, from links' motion and torques (N m): ``(points, limits)``."""
+    """Every limited value over its limit, from the links' motion and the torques (N m): ``(points, limits)``."""
     load = np.empty((links.shape[0], task.orders.shape[0]))
     for c in range(task.orders.shape[0]):
         order, joint = task.orders[c], task.joints[c]
@@ -116,10 +116,10 @@ def newton_model(
     Args:
         tr, task: the motion as a linear map of the unknowns; index and limits.
         weights: of the instants in the index, ``(points,)``.
-        point: where.
+        point: of `evaluate`.
         sign, eps: dual variable of every torque, in [-1, 1], ``(points, n)``, and width of the smoothed |tau|, units.
-        force, multiplier, stiffness: of every limit, ``(points, limits)``: derivative of the barrier by the load,
-            present multiplier, second derivative of the barrier.
+        force, multiplier, stiffness: derivative of the barrier by every load, present multiplier and second
+            derivative of the barrier, ``(points, limits)`` each.
     """
     points, n = point.tau.shape
     support = tr.functions.shape[2]
@@ -131,11 +131,11 @@ def newton_model(
     for order in task.orders:
         highest = max(highest, order)
     curvature = np.empty((4, n, 4, n))
-    pull, index_pull = np.empty((4, n)), np.empty((4, n))
+    links_gradient, index_links_gradient = np.empty((4, n)), np.empty((4, n))
     slopes, bends, factors = np.empty(n), np.empty(n), np.empty(n)
     for k in range(points):
         curvature[:] = 0.0
-        index_pull[:] = 0.0
+        index_links_gradient[:] = 0.0
         for j in range(n):
             tau = point.tau[k, j]
             if task.power == 1:
@@ -148,38 +148,38 @@ def newton_model(
         torque_jacobian_single(task.coupling, task.weight, point.links[k], jacobians[k])
         jacobian = jacobians[k]
         jacobian /= task.unit
-        _add_torques(slopes, bends, jacobian, index_pull, curvature)
-        pull[:] = index_pull
+        _add_torques(slopes, bends, jacobian, index_links_gradient, curvature)
+        links_gradient[:] = index_links_gradient
         slopes[:] = 0.0
         bends[:] = 0.0
         for c in range(task.orders.shape[0]):
             order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[k, c]
-            push, stiff = force[k, c] * inverse, stiffness[k, c] * inverse * inverse
+            slope, bend = force[k, c] * inverse, stiffness[k, c] * inverse * inverse
             if order < 0:
-                slopes[j], bends[j] = push * task.unit, stiff * task.unit**2
+                slopes[j], bends[j] = slope * task.unit, bend * task.unit**2
                 factors[j] += multiplier[k, c] * inverse
                 continue
-            pull[order, j] += push
-            curvature[order, j, order, j] += stiff
+            links_gradient[order, j] += slope
+            curvature[order, j, order, j] += bend
             if j > 0:
-                pull[order, j - 1] -= push
-                curvature[order, j - 1, order, j - 1] += stiff
-                curvature[order, j - 1, order, j] -= stiff
-                curvature[order, j, order, j - 1] -= stiff
-        _add_torques(slopes, bends, jacobian, pull, curvature)
+                links_gradient[order, j - 1] -= slope
+                curvature[order, j - 1, order, j - 1] += bend
+                curvature[order, j - 1, order, j] -= bend
+                curvature[order, j, order, j - 1] -= bend
+        _add_torques(slopes, bends, jacobian, links_gradient, curvature)
         add_torque_curvature_single(task.coupling, task.weight, point.links[k], factors, curvature)
         _condense(tr.functions[k], tr.first[k], highest + 1, curvature, hessian)
         for i in range(support):
             for a in range(n):
                 here = (tr.first[k] + i) * n + a
                 for d in range(highest + 1):
-                    gradient[here] += tr.functions[k, d, i] * pull[d, a]
-                    index_gradient[here] += tr.functions[k, d, i] * index_pull[d, a]
+                    gradient[here] += tr.functions[k, d, i] * links_gradient[d, a]
+                    index_gradient[here] += tr.functions[k, d, i] * index_links_gradient[d, a]
     return Model(hessian, gradient, index_gradient, jacobians)
 
 
 @njit(cache=True, nogil=True)
-def _add_torques(slopes: Array, bends: Array, jacobian: Array, pull: Array, curvature: Array) -> None:
+def _add_torques(slopes: Array, bends: Array, jacobian: Array, links_gradient: Array, curvature: Array) -> None:
     """Add first and (without the torques' own curvature) second derivatives of a function of the torques."""
     n = slopes.shape[0]
     for j in range(n):
@@ -187,7 +187,7 @@ def _add_torques(slopes: Array, bends: Array, jacobian: Array, pull: Array, curv
             continue
         for d in range(3):
             for a in range(n):
-                pull[d, a] += slopes[j] * jacobian[j, d, a]
+                links_gradient[d, a] += slopes[j] * jacobian[j, d, a]
                 scaled = bends[j] * jacobian[j, d, a]
                 for e in range(3):
                     for b in range(n):

@@ -1,25 +1,25 @@
 """The default Lagrange planner: least joint torque between two joint states in a given time, within every limit.
 
-It takes the interpolation of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange
-Interpolation Method" (eq 8, 9) to Chebyshev-Lobatto nodes in barycentric form, with start and end met exactly in angle
-and velocity, and its direct grid search to a compiled interior point method with exact derivatives, from several
+The motion is the interpolation of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange
+Interpolation Method" (eq 8, 9) on Chebyshev-Lobatto nodes in barycentric form, with angle and velocity exact at both
+ends. In place of the paper's grid search there is a compiled interior point method with exact derivatives, from several
 starts. Every plan is checked on a dense grid with exact inverse dynamics, and planned again within tighter limits where
-the check finds an excess.
+it exceeds one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import get_args
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple, get_args
 
 import numpy as np
 
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective
+from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective, torque_rate
 from planners.lagrange.multistart import Fit, least_torque, polished
-from planners.lagrange.rendezvous import Ride, earliest, find_rides, moves_to
+from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
@@ -29,25 +29,24 @@ from planners.variants import require_choice
 NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
 
 START_TOLERANCE = 1e-3
-"""Excess of a limit, as a fraction of it, that the start state may bring along."""
+"""Largest excess of a limit by the start state, as a fraction of the limit."""
 
-LEISURE = 1.25
+TIME_MARGIN = 1.25
 """Rendezvous time chosen, as a multiple of the earliest one found."""
 
 SETTLED = 0.5
-"""How long before the horizon the target is met at the latest, if it can be, s."""
+"""Least time from the rendezvous to the horizon, if possible, s."""
 
 MET = np.array([[1e-6], [1e-6], [1e-3]])
-"""Differences of joint angle, velocity and acceleration (SI units) at which the arm rides with the target already."""
+"""Differences of joint angle, velocity and acceleration (SI units) below which the arm already follows the target."""
 
 TIME_PRECISION, GROWTH, MOST_GROWTHS = 0.01, 1.5, 16
-"""Of the least time of a move: relative precision, and how the first one that is long enough is looked for."""
+"""Of the search for the minimum time: relative precision, factor and number of steps of the bracketing."""
 
 _PLANNER = "lagrange (optimal)"
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(NamedTuple):
     """Options of a plan, checked; see `plan_optimal`."""
 
     objective: Objective
@@ -69,31 +68,31 @@ def plan_optimal(
     guess: Trajectory | None = None,
     explain: bool = True,
 ) -> Trajectory:
-    """Move with the least torque: to a fixed target in the whole horizon, or onto a moving one and on with it.
+    """Move with the least torque to a fixed or a moving target.
 
     A fixed target is reached, at rest, at the horizon. A moving one is met at the rendezvous time with its velocity
-    (and acceleration), and then followed exactly along its line until the horizon, or until riding on would break a
+    (and acceleration), and then followed exactly along its line until the horizon, or until following it breaks a
     limit.
 
     Args:
-        problem: the motion asked for.
+        problem: the start, the target and the limits.
         objective: ``"PI1"``, the integral of sum |tau| (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
         nodes: of the interpolation, both ends included.
-        polish: go on to a dense transcription, 150 stages of linear acceleration.
+        polish: improve the plan on a dense transcription, 150 stages of linear acceleration.
         elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.
-        rendezvous_time: when to meet a moving target, s; when left out 1.25 times the earliest time found, but half a
-            second before the horizon if that can be.
+        rendezvous_time: when to meet a moving target, s; by default 1.25 times the earliest time found, but half a
+            second before the horizon if possible.
         clamp_acceleration: whether the start's acceleration is continued and the target's met, so that torque and
-            acceleration do not jump there; if left out where there are jerk limits.
+            acceleration do not jump there; by default where there are jerk limits.
         guess: an additional motion to start from, such as the plan for a similar problem.
-        explain: on failure find the least time that would do (about a second), for the message and the details.
+        explain: on failure find the least feasible time (about a second), for the message and the details.
 
     Returns:
         The trajectory; its cost is the objective over its whole duration.
 
     Raises:
-        Infeasible: with reason ``late`` (``details["minimum_time"]``, s, is the shortest time found that would do),
-            ``start``, ``limits``, ``unreachable`` or ``no_window``.
+        Infeasible: with reason ``late`` (``details["minimum_time"]``, s, is the least feasible time found), ``start``,
+            ``limits``, ``unreachable`` or ``no_window``.
         ValueError: if an option is out of range.
     """
     require_choice("objective", objective, get_args(Objective))
@@ -122,18 +121,12 @@ def _plan_to_rest(
     """Come to rest at a fixed target at the horizon."""
     still = np.zeros(problem.arm.n_joints)
     goals = [np.stack([goal, still, still]) for goal in goal_postures(problem, target, elbow)]
-    moves = [replace(move, ends=Ends(move.ends.start, goal)) for goal in goals]
-    for candidate in moves if len(moves) == 1 else []:
-        _require_within_limits(candidate, 1, "limits", 1.0)
+    moves = [move.to(goal, problem.horizon) for goal in goals]
+    if len(moves) == 1:
+        _require_within_limits(moves[0], 1, "limits", 1.0)
     fit = _best_fit(moves, settings)
     if fit is None:
-        raise _late(
-            lambda duration, guess: least_torque(
-                [candidate.lasting(duration) for candidate in moves], settings.objective, settings.degree, guess
-            ),
-            problem.horizon,
-            settings.explain,
-        )
+        raise _late(moves, settings) if settings.explain else _too_late(problem.horizon, math.inf)
     samples = _sample(fit)
     motion = samples.t, samples.q, samples.qd, samples.qdd, samples.tau
     return _with_cost(Trajectory(*motion, fit.limit_ratios, 0.0, problem.horizon, _PLANNER), settings)
@@ -147,7 +140,7 @@ def _plan_rendezvous(
     rendezvous_time: float | None,
     settings: Settings,
 ) -> Trajectory:
-    """Meet a moving target and ride with it."""
+    """Meet a moving target and follow it."""
     rides = find_rides(problem, target, elbow)
     for ride in rides:
         window = ride.window_at(0.0)
@@ -155,16 +148,15 @@ def _plan_rendezvous(
             riding = sample_ride(ride.line, 0.0, min(problem.horizon, window.closes))
             return _with_cost(to_trajectory(ride.line, [riding], window.closes, 0.0, 0.0, _PLANNER), settings)
     time = rendezvous_time or _choose_time(rides, move, problem.horizon)
-    candidates = moves_to(rides, move, time)
-    if not candidates:
-        raise Infeasible("no_window", f"at {time:.4g} s no ride with the target keeps the limits; choose another time")
-    fit = _best_fit(list(candidates.values()), settings)
+    open_rides = [(ride, window) for ride in rides if (window := ride.window_at(time)) is not None]
+    if not open_rides:
+        raise Infeasible("no_window", f"at {time:.4g} s following the target breaks a limit; choose another time")
+    moves = [move.to(ride.state_at(time), time) for ride, _ in open_rides]
+    fit = _best_fit(moves, settings)
     if fit is None:
         found = earliest(rides, move, problem.horizon, problem.horizon) if settings.explain else math.inf
         raise _too_late(time, found)
-    ride = next(rides[i] for i, candidate in candidates.items() if candidate is fit.minimum.move)
-    window = ride.window_at(time)
-    assert window is not None  # or it were no candidate
+    ride, window = next(pair for pair, joining in zip(open_rides, moves, strict=True) if joining is fit.minimum.move)
     riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
     trajectory = to_trajectory(ride.line, [_sample(fit), riding], window.closes, time, 0.0, _PLANNER)
     ridden = to_trajectory(ride.line, [riding], window.closes, time, 0.0, _PLANNER).limit_ratios
@@ -173,13 +165,13 @@ def _plan_rendezvous(
 
 
 def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> float:
-    """A rendezvous time that leaves some leisure."""
+    """A rendezvous time with a margin over the earliest one."""
     preferred = max(horizon - SETTLED, 0.5 * horizon)
     soonest = earliest(rides, move, preferred, horizon)
     if soonest > horizon:
         raise _too_late(horizon, soonest)
     closes = max(window.closes for ride in rides for window in ride.windows if window.opens <= soonest)
-    return max(soonest, min(LEISURE * soonest, preferred, closes))
+    return max(soonest, min(TIME_MARGIN * soonest, preferred, closes))
 
 
 def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
@@ -194,10 +186,14 @@ def _require_within_limits(move: JointMove, side: int, reason: str, most: float)
         raise limit_broken(reason, ("starts at", "is to end at")[side], loads, KINDS)
 
 
-def _late(search: Callable[[float, Curve | None], Fit | None], horizon: float, explain: bool) -> Infeasible:
-    """Why a fixed target cannot be reached: the least time that would do, by growing and halving."""
-    if not explain:
-        return _too_late(horizon, math.inf)
+def _late(moves: Sequence[JointMove], settings: Settings) -> Infeasible:
+    """Why a fixed target is not reached in time: the least feasible time, by bracketing and bisection."""
+
+    def search(duration: float, guess: Curve | None) -> Fit | None:
+        others = [replace(move, duration=duration) for move in moves]
+        return least_torque(others, settings.objective, settings.degree, guess)
+
+    horizon = moves[0].duration
     low, high, fit = horizon, horizon, None
     for _ in range(MOST_GROWTHS):
         low, high = high, GROWTH * high
@@ -230,8 +226,7 @@ def _sample(fit: Fit) -> Motion:
 
 
 def _with_cost(trajectory: Trajectory, settings: Settings) -> Trajectory:
-    rate = np.abs(trajectory.tau) if settings.objective == "PI1" else np.square(trajectory.tau)
-    cost = float(np.trapezoid(rate.sum(axis=1), trajectory.t))
+    cost = float(np.trapezoid(torque_rate(trajectory.tau, settings.objective), trajectory.t))
     name = f"{_PLANNER}, polished" if settings.polish else _PLANNER
     return replace(trajectory, cost=cost, planner=name)
 

@@ -1,20 +1,18 @@
 """The minimal-torque paper as published: a direct search for the interpolated motion of least joint torque.
 
 "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (L.-P. Luo,
-S.-W. Hwang, C.-S. Han). The joints are to go from given angles to given angles in a given time. Equation numbers below
-are the paper's:
+S.-W. Hwang, C.-S. Han). The joints move between given angles in a given time. The paper's equations:
 
     (5)   M q'' + V + G = tau
     (6)   PI = sum over the joints of sqrt(tau_j^2), at an instant; integrated over the motion here, N m s
     (7)   t_i = (t_N + t_1) / 2 + (t_N - t_1) / 2 cos((2 i - 1) pi / (2 N)),  i = 1 ... N
     (8)   q_j(t) = sum_i q_j(t_i) l_i(t),     (9)  l_i(t) = product over k != i of (t - t_k) / (t_i - t_k)
     (12)  q_j(t) = sum_k a_jk t^k
-    (13)  t_1 = 0, t_N = 1 s;  q(t_1) = (0, 0, 0), q(t_N) = (1, 0, 0) rad;  nothing is said of velocities
+    (13)  t_1 = 0, t_N = 1 s;  q(t_1) = (0, 0, 0), q(t_N) = (1, 0, 0) rad;  velocities are not given
 
 Algorithm 1 tries every combination of angles at the interior nodes of (8); Algorithm 2 every combination of the
-coefficients of (12) that (13) leaves free. Both keep the one of least PI. This module reproduces that, faults included,
-and adds ``clamped``, which makes it a real move, from rest to rest: use it to study the paper, and
-:mod:`planners.lagrange` to plan.
+coefficients of (12) that (13) leaves free. Both keep the one of least PI. This module reproduces the paper, faults
+included, and adds ``clamped`` moves from rest to rest.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -32,6 +30,7 @@ from numpy.typing import ArrayLike
 from planners.lagrange.grid_search import least_torque
 from planners.problem import FixedJoints, MotionProblem, Trajectory, sampled_trajectory
 from planners.typing import Array
+from planners.variants import require_choice
 
 Method = Literal["lagrange", "polynomial"]
 
@@ -46,8 +45,8 @@ PUBLISHED_ANGLES = (
 PUBLISHED_COEFFICIENTS = ((-9.5608, 10.5608, 0.0), (15.3390, -15.3390, 0.0), (-0.5487, 0.5487, 0.0))
 """Table 4: a_j2, a_j1 and a_j0 of each joint, rad/s^2, rad/s and rad."""
 
-_MOTION_STEPS = 2000  # of the trajectory handed out
-_VISITING_STRIDE = 0.382  # of the samples: neighbours are alike, so the search looks at them far apart
+_MOTION_STEPS = 2000  # of the trajectory
+_VISITING_STRIDE = 0.382  # of the samples: PI exceeds the least one sooner if successive samples are far apart
 _MOST_POINTS, _MOST_CURVES = 100_000_000, 20_000  # of a grid; of a joint
 _AT_GOAL = 1e-6  # rad, rad/s
 
@@ -65,35 +64,34 @@ def plan_paper(
     """Plan as the paper does.
 
     Args:
-        problem: an arm and a :class:`FixedJoints` target, to be reached at the horizon. Limits and obstacles play no
-            part.
+        problem: an arm and a :class:`FixedJoints` target, to be reached at the horizon. Limits and obstacles are
+            ignored.
         method: ``"lagrange"`` is Algorithm 1, ``"polynomial"`` Algorithm 2.
-        nodes: for Algorithm 1, how many nodes, or their times as fractions of the horizon. A number takes the interior
-            ones from eq 7, and the ends for the first and the last, as eq 13 wants.
+        nodes: for Algorithm 1, the number of nodes, or their times as fractions of the horizon. For a number the
+            interior ones are those of eq 7, the first and the last the ends, as in eq 13.
         degree: for Algorithm 2, n of eq 12.
         grid: for each joint the values to try: angles (rad) at the interior nodes, or coefficients a_jk (rad/s^k). By
             default those of Table 3 (see :func:`node_angles`), or -16 to 16 by halves.
         clamped: start with the problem's velocity, and end at rest; the degree of the Lagrange motion grows by 2, and
             the first and last nodes are at the ends. The paper fixes no velocity.
-        steps: of the trapezoidal rule by which the search integrates PI.
+        steps: of the trapezoidal rule for PI in the search.
 
     Returns:
-        The motion of least PI on the grid, the first one of equals. Nothing is scaled to fit: its ``limit_ratios`` may
-        be above 1, and its ``rendezvous_time`` is inf unless it ends at rest at the target. ``cost`` is PI, N m s.
+        The motion of least PI on the grid, the first one of equals. Its ``limit_ratios`` may be above 1, and its
+        ``rendezvous_time`` is inf unless it ends at rest at the target. ``cost`` is PI, N m s.
 
     Raises:
         ValueError: if the problem or an option is not of this kind, or the grid is too large to be searched.
     """
+    require_choice("method", method, get_args(Method))
+    if steps < 2:
+        raise ValueError(f"steps {steps} is too few to integrate; give at least 2")
     if method == "lagrange":
         family = lagrange_family(problem, nodes, clamped=clamped)
         candidates = node_angles(problem) if grid is None else grid
-    elif method == "polynomial":
+    else:
         family = polynomial_family(problem, degree, clamped=clamped)
         candidates = [np.arange(-16.0, 16.5, 0.5)] * problem.arm.n_joints if grid is None else grid
-    else:
-        raise _unknown(method)
-    if steps < 2:
-        raise ValueError(f"steps {steps} is too few to integrate; give at least 2")
     best = _search(problem, family, _checked_grid(candidates, problem.arm.n_joints, len(family.basis)), steps)
     name = f"Algorithm {1 if method == 'lagrange' else 2}{', rest to rest' if clamped else ''}"
     return motion(problem, family.member(best), name)
@@ -103,19 +101,18 @@ def published_motion(problem: MotionProblem, method: Method) -> Trajectory:
     """The motion the paper prints: Tables 2 and 3 through eq 8, or Table 4 through eq 12, from 0 to 1 s.
 
     Args:
-        problem: the arm and its gravity, and the limits and target to judge the motion by; three joints.
+        problem: an arm of three joints, with the limits and the target for the ratios and the arrival.
         method: ``"lagrange"`` or ``"polynomial"``.
 
     Raises:
-        ValueError: if the method is unknown, or the arm has not three joints.
+        ValueError: if the method is unknown, or the arm does not have three joints.
     """
+    require_choice("method", method, get_args(Method))
     if method == "lagrange":
         basis = lagrange_basis(PUBLISHED_TIMES)
         curves, source = [_combine(np.radians(angles), basis) for angles in PUBLISHED_ANGLES], "Tables 2 and 3"
-    elif method == "polynomial":
-        curves, source = [Polynomial(coefficients[::-1]) for coefficients in PUBLISHED_COEFFICIENTS], "Table 4"
     else:
-        raise _unknown(method)
+        curves, source = [Polynomial(coefficients[::-1]) for coefficients in PUBLISHED_COEFFICIENTS], "Table 4"
     return motion(replace(problem, horizon=1.0), curves, source)
 
 
@@ -126,9 +123,9 @@ def chebyshev_nodes(count: int) -> Array:
 
 
 def node_angles(problem: MotionProblem) -> list[Array]:
-    """Angles to try at a node, for each joint, rad: the grid that Table 3 shows, for any start and goal.
+    """Angles to try at a node, for each joint, rad: the grid of Table 3, for any start and goal.
 
-    Six from start to goal for a joint that has to move; for one that has not, five from where it is to 1 rad beyond.
+    Six from start to goal for a joint that moves; for one that does not, five from its angle to 1 rad beyond.
     """
     goal = _goal(problem)
     return [
@@ -149,12 +146,7 @@ def lagrange_basis(nodes: Sequence[float]) -> list[Polynomial]:
 
 @dataclass(frozen=True)
 class Family:
-    """The motions a search chooses from: ``q_j(t) = base_j(t) + sum_k x_jk basis_k(t)`` with free numbers x.
-
-    Attributes:
-        base: of each joint, rad; t in s.
-        basis: the same for all joints.
-    """
+    """Motions ``q_j(t) = base_j(t) + sum_k x_jk basis_k(t)`` (rad, t in s) with free numbers x."""
 
     base: tuple[Polynomial, ...]
     basis: tuple[Polynomial, ...]
@@ -207,22 +199,15 @@ def motion(problem: MotionProblem, curves: Sequence[Polynomial], planner: str) -
     """Polynomial joint angles of time (rad, s) from 0 to the horizon, with torques by inverse dynamics (eq 5)."""
     t = np.linspace(0.0, problem.horizon, _MOTION_STEPS + 1)
     q, qd, qdd = (np.stack([curve.deriv(order)(t) for curve in curves], axis=1) for order in range(3))
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=f"Lagrange paper, {planner}")
     arrives = max(np.abs(q[-1] - _goal(problem)).max(), np.abs(qd[-1]).max()) < _AT_GOAL
-    rendezvous, name = problem.horizon if arrives else math.inf, f"Lagrange paper, {planner}"
-    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=rendezvous, planner=name)
-    return replace(trajectory, cost=torque_integral(t, trajectory.tau))
+    rendezvous = problem.horizon if arrives else math.inf
+    return replace(trajectory, cost=torque_integral(t, trajectory.tau), rendezvous_time=rendezvous)
 
 
 def torque_integral(t: Array, tau: Array, power: int = 1) -> float:
-    """Integral of abs(tau)^power, summed over the joints; ``t`` is ``(samples,)``, ``tau`` ``(samples, n)``.
-
-    With power 1 it is PI (eq 6) of the whole motion, N m s.
-    """
+    """Integral of the sum of abs(tau)^power, ``tau`` ``(samples, n)``; with power 1 it is PI (eq 6), N m s."""
     return float(np.trapezoid((np.abs(tau) ** power).sum(axis=1), t))
-
-
-def _unknown(method: str) -> ValueError:
-    return ValueError(f"method {method!r} is unknown; give 'lagrange' or 'polynomial'")
 
 
 def _goal(problem: MotionProblem) -> Array:

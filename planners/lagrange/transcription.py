@@ -1,8 +1,7 @@
-"""From unknowns to motion: the joint angles and their derivatives at given instants, linear in the unknowns.
+"""The joint angles and their derivatives at given instants, linear in the unknowns of the search.
 
-Two bases share one form. The Lagrange basis has every unknown (the angles at interior nodes) act everywhere; the cubic
-B-splines of the dense basis act on four stages each, so that its matrices are banded. In both, start and end are met
-exactly for any values of the unknowns.
+In the Lagrange basis the unknowns (angles at interior nodes) act at all instants; in the basis of cubic B-splines they
+act on four stages each, so that its matrices are banded. Both meet start and end exactly for any unknowns.
 """
 
 from __future__ import annotations
@@ -27,14 +26,13 @@ ORDERS = 4
 
 
 class Basis(NamedTuple):
-    """How a scalar motion over the unit of time follows from its unknowns and its values at both ends.
+    """A scalar motion over the unit of time and its derivatives, as a linear map of unknowns and values at both ends.
 
     Attributes:
-        s: instants in [0, 1], ``(points,)``.
-        weights: quadrature weights of the instants, ``(points,)``.
-        first: number of the first unknown that acts at each instant, ``(points,)``.
-        functions: what those that act contribute to each order of derivative, ``(points, 4, support)``.
-        ends: what angle, velocity and acceleration at the start, then at the end, contribute, ``(points, 4, 6)``.
+        s, weights: instants in [0, 1] and their quadrature weights, ``(points,)``.
+        first: index of the first unknown that acts at each instant, ``(points,)``.
+        functions: derivatives of the motion by the unknowns that act there, ``(points, 4, support)``.
+        ends: the same by angle, velocity and acceleration at the start and at the end, ``(points, 4, 6)``.
         fitting: least-squares inverse: from angles at the instants to the unknowns, ``(unknowns, points)``.
     """
 
@@ -68,20 +66,22 @@ class Ends(NamedTuple):
 
 @lru_cache(maxsize=64)
 def lagrange_basis(degree: int, clamp_acceleration: bool, points: int, *, uniform: bool = False) -> Basis:
-    """Lagrange polynomials of a degree on Chebyshev-Lobatto nodes, seen at ``points`` instants.
+    """Lagrange polynomials of a degree on Chebyshev-Lobatto nodes, at ``points`` instants.
 
-    The instants are Chebyshev-Lobatto points too, close together where polynomials are lively, or equally spaced. The
-    angles at the ends are given; those at the one or two nodes next to them follow from the velocities and, if it is
-    clamped, the acceleration there. All others are the unknowns.
+    The instants are Chebyshev-Lobatto points too, or equally spaced. The angles at the ends are given; those at the one
+    or two nodes next to them follow from the velocities and, if it is clamped, the acceleration there. All others are
+    the unknowns.
     """
     s = np.linspace(0.0, 1.0, points) if uniform else lobatto_nodes(points - 1)
     weights = _trapezoid(points) if uniform else lobatto_quadrature(points - 1)
-    return _clamp(_lagrange_values(degree, s), s, weights, degree + 1, clamp_acceleration)
+    matrices = differentiation_matrices(degree, ORDERS - 1)
+    values = np.stack([evaluation_matrix(degree, s) @ matrix for matrix in matrices], axis=1)
+    return _clamp(values, s, weights, degree + 1, clamp_acceleration)
 
 
 @lru_cache(maxsize=8)
 def spline_basis(stages: int, clamp_acceleration: bool, points_per_stage: int) -> Basis:
-    """Cubic B-splines (acceleration linear on every stage), seen at equally spaced instants, stage borders included."""
+    """Cubic B-splines (acceleration linear on every stage) at equally spaced instants, stage borders included."""
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, stages + 1), np.ones(3)])
     s = np.linspace(0.0, 1.0, stages * points_per_stage + 1)
     spline = BSpline(knots, np.eye(stages + 3), 3)
@@ -90,7 +90,7 @@ def spline_basis(stages: int, clamp_acceleration: bool, points_per_stage: int) -
 
 
 def transcribe(basis: Basis, ends: Ends, duration: float) -> Transcription:
-    """Put a basis to a motion between two joint states in a given time (s)."""
+    """A basis applied to a motion between two joint states in a given time (s)."""
     powers = duration ** np.arange(ORDERS)
     given = np.concatenate([ends.start * powers[:3, None], ends.end * powers[:3, None]]).cumsum(axis=1)
     return Transcription(
@@ -125,17 +125,10 @@ def _trapezoid(points: int) -> Array:
     return weights
 
 
-def _lagrange_values(degree: int, s: Array) -> Array:
-    """Lagrange polynomials and their derivatives, ``(points, 4, degree + 1)``."""
-    matrices = differentiation_matrices(degree, ORDERS - 1)
-    return np.stack([evaluation_matrix(degree, s) @ matrix for matrix in matrices], axis=1)
-
-
 def _clamp(values: Array, s: Array, weights: Array, count: int, clamp_acceleration: bool) -> Basis:
-    """Express the outermost of ``count`` coefficients by what is given at the ends; the others are the unknowns.
+    """Eliminate the outermost of ``count`` coefficients by the values at the ends; the others are the unknowns.
 
-    ``values`` ``(points, 4, count)`` are all functions with derivatives at the instants ``s``, the first at the start
-    and the last at the end; ``clamp_acceleration`` says whether the accelerations at the ends are given too.
+    ``values`` ``(points, 4, count)`` are the functions and their derivatives at ``s``, from the start to the end.
     """
     orders = 3 if clamp_acceleration else 2
     dependent = np.r_[0:orders, count - orders : count]
@@ -150,7 +143,7 @@ def _clamp(values: Array, s: Array, weights: Array, count: int, clamp_accelerati
 
 
 def _localise(functions: Array) -> tuple[NDArray[np.int64], Array]:
-    """First acting function of each instant, and the values of as many as act at any one instant."""
+    """First function that is not 0 at each instant, and the values of as many as are not 0 at any one instant."""
     acting = np.abs(functions).max(axis=1) > 1e-12 * np.abs(functions).max(axis=(0, 1))
     count = functions.shape[2]
     firsts = np.where(acting.any(axis=1), acting.argmax(axis=1), count)

@@ -19,7 +19,7 @@ from planners.lagrange.interpolation import (
     lobatto_quadrature,
 )
 from planners.lagrange.joint_move import JointMove
-from planners.lagrange.newton import TorqueTask, index, look_at, newton_model
+from planners.lagrange.newton import TorqueTask, evaluate, index, newton_model
 from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
@@ -157,16 +157,16 @@ def test_gradient_and_hessian_of_the_index(power: int, basis: Basis) -> None:
     rng = np.random.default_rng(5)
     ends = Ends(np.zeros((3, 3)), np.vstack([[1.0, -0.5, 0.3], np.zeros((2, 3))]))
     move = JointMove(VERTICAL, VERTICAL.limits, ends, 0.9, False)
-    tr = move.transcribe(basis)
+    tr = transcribe(basis, move.ends, move.duration)
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros((len(basis.s), 0))
     task = TorqueTask(*VERTICAL.chain_constants, none, none, nothing, power, 3.0)
     x, eps = rng.normal(size=(len(basis.fitting), 3)) * 0.3, 0.2
 
     def value(unknowns: Array) -> float:
-        return index(tr.weights, look_at(tr, task, unknowns).tau, power, eps)
+        return index(tr.weights, evaluate(tr, task, unknowns).tau, power, eps)
 
     def model(unknowns: Array) -> tuple[Array, Array, Array]:
-        point = look_at(tr, task, unknowns)
+        point = evaluate(tr, task, unknowns)
         sign = point.tau / np.sqrt(point.tau**2 + eps**2)  # where the dual is the primal the Hessian is exact
         found = newton_model(tr, task, tr.weights, point, sign, eps, nothing, nothing, nothing)
         return found.gradient, found.index_gradient, full(found.hessian)

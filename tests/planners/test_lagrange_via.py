@@ -33,7 +33,7 @@ from planners.typing import Array
 LIMITS = JointLimits(torque=(10.0, 4.0), velocity=(2.4, 2.4), acceleration=(4.5, 8.0), angle=SCARA_50CM.limits.angle)
 START = np.array([-0.9, 1.0])
 GOAL = np.array([0.6, 1.0])
-MARGIN, TRUSTED = 0.03, 1.6
+MARGIN, PREDICTION = 0.03, 1.6
 
 
 def move(*obstacles: Obstacle, **changes: Any) -> MotionProblem:
@@ -46,7 +46,7 @@ def disc(x: float, y: float, vx: float = 0.0, vy: float = 0.0, radius: float = 0
     return Obstacle(np.array([x, y]), np.array([vx, vy]), radius)
 
 
-def predicted_clearance(problem: MotionProblem, plan: Trajectory, until: float = TRUSTED) -> Array:
+def predicted_clearance(problem: MotionProblem, plan: Trajectory, until: float = PREDICTION) -> Array:
     """Clearance from the nearest obstacle every 2 ms; the arm stays where the plan ends."""
     t = np.arange(0.0, until, 0.002)
     q = plan.at(t)[0]
@@ -152,7 +152,7 @@ def test_a_parked_disc_is_gone_round() -> None:
     problem = move(disc(0.75, 0.3))
     straight = lagrange.plan(move(), variant="via")
     assert predicted_clearance(problem, straight, 3.0).min() < 0.0
-    plan = lagrange.plan(problem, variant="via", trusted=3.0)
+    plan = lagrange.plan(problem, variant="via", prediction=3.0)
     assert_sound(problem, plan)
     np.testing.assert_allclose(plan.q[-1], GOAL, atol=1e-10)
     assert predicted_clearance(problem, plan, 3.0).min() >= MARGIN
@@ -162,7 +162,7 @@ def test_a_disc_that_passes_over_the_goal_is_waited_for() -> None:
     """It would get there as the arm holds the goal, and is gone a little later."""
     x, y = SCARA_50CM.forward_kinematics(GOAL)
     problem = move(disc(x + 0.5, y + 0.5, -0.4, -0.4), q=GOAL - (0.3, 0.3))
-    plan = lagrange.plan(problem, variant="via", trusted=2.0, hold=2.0)
+    plan = lagrange.plan(problem, variant="via", prediction=2.0, hold=2.0)
     assert_sound(problem, plan)
     assert math.isinf(plan.rendezvous_time)
     assert predicted_clearance(problem, plan, 2.0).min() >= MARGIN
@@ -197,9 +197,9 @@ def test_plans_are_sound_and_free_of_predicted_contact_unless_they_say_otherwise
     assert_sound(problem, plan)
     if math.isfinite(plan.rendezvous_time):
         np.testing.assert_allclose(SCARA_50CM.forward_kinematics(plan.q[-1]), hand, atol=1e-9)
-        until = min(TRUSTED, plan.duration + 0.4)
+        until = min(PREDICTION, plan.duration + 0.4)
     else:
-        until = TRUSTED
+        until = PREDICTION
     if not contact_predicted(plan):
         assert predicted_clearance(problem, plan, until).min() >= 0.0
 
@@ -230,7 +230,7 @@ def test_three_links_dodge_too() -> None:
     q, goal = np.array([-0.6, 0.5, 0.3]), np.array([0.6, 0.5, 0.3])
     limits = replace(arm.limits, velocity=(2.0,) * 3, acceleration=(5.0,) * 3)
     problem = MotionProblem(arm, q, FixedJoints(goal), 6.0, limits=limits, obstacles=(disc(0.7, 0.2, radius=0.05),))
-    plan = lagrange.plan(problem, variant="via", trusted=3.0)
+    plan = lagrange.plan(problem, variant="via", prediction=3.0)
     assert_sound(problem, plan)
     assert predicted_clearance(problem, plan, 3.0).min() >= 0.0
     assert not contact_predicted(plan)
@@ -256,7 +256,7 @@ def test_a_target_out_of_reach_is_refused() -> None:
     assert refusal.value.reason == "unreachable"
 
 
-@pytest.mark.parametrize("option", ["margin", "trusted", "keep_out", "hold"])
+@pytest.mark.parametrize("option", ["margin", "prediction", "keep_out", "hold"])
 def test_options_out_of_range_are_refused(option: str) -> None:
     with pytest.raises(ValueError, match=option):
         lagrange.plan(move(), variant="via", **{option: -1.0})

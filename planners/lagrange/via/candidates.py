@@ -1,6 +1,6 @@
-"""The compiled search of the dodging planner: candidates of a motion past discs, rated, and the best refined.
+"""The compiled search of the dodging planner: the best of many candidates, refined.
 
-A candidate is a curve of :mod:`planners.lagrange.via.curve`, with its end, its via-nodes and its duration.
+A candidate is a curve of :mod:`planners.lagrange.via.curve`, given by its end, its via-nodes and its duration.
 """
 
 from __future__ import annotations
@@ -17,32 +17,39 @@ from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 DURATIONS, STRETCH, FINER = 6, 1.25, 4
-"""How many durations are tried for each end and pattern, the factor from one to the next, and how many times as many,
-and as close, on the direct way."""
+"""Number of durations for each end and pattern, the factor from one to the next, and the refinement factor of that
+grid on the direct path."""
 
 PACES = np.array([0.0, 0.016, -0.016, -0.032])
-"""How far the via-nodes are moved apart along a direct way, as shares of it: less acceleration or less speed."""
+"""Displacements of the via-nodes along a direct path, as shares of it: apart for less acceleration, closer for less
+speed."""
 
 STRIDE, SHRINKAGE, ROUNDS = 0.16, 0.7, 6
 """Of the coordinate search: first stride of the via-nodes, rad, its factor from round to round, and their number."""
 
 SHARE = 0.985
-"""Share of the limits that is used: they are looked at at instants, and between those there may be more."""
+"""Share of the limits that is used: between the samples there may be more."""
 
 LIMIT_SAMPLES, EFFORT_SAMPLES = 20, 8
-"""Intervals between the instants at which the limits, and the torques, are looked at."""
+"""Intervals between the samples of the limited values, and of the torques."""
 
 CONTACT = 1000.0
-"""Cost of a predicted contact, s, for every second that it comes before the prediction ends, and once more."""
+"""Cost of a predicted contact, s: this times (1 + seconds from the contact to the end of the prediction)."""
 
 TOUCHING = 0.005
-"""Clearance that counts as contact, m, since clearance is looked at at instants."""
+"""Clearance below which a sample counts as contact, m: allows for the minimum between samples."""
 
 LONG_STEP, SHORT_STEP, CLOSING_SPEED = 0.1, 0.02, 4.0
-"""Longest and shortest time between those, s, and about how fast arm and disc approach each other at most, m/s."""
+"""Longest and shortest time between samples of the clearance, s, and largest closing speed of arm and disc, m/s."""
 
-INTRUSION = 100.0
-"""Cost of having no clearance left, s per s; less in proportion to the share of the margin that is kept."""
+MARGIN_GROWTH, INTRUSION = 0.03, 100.0
+"""Growth of the margin with the time ahead, m/s, and cost of zero clearance, s per s, falling to 0 at the margin."""
+
+COMFORT, CLOSENESS = 0.15, 1.0
+"""Clearance from which on a disc has no cost, m, and cost of zero clearance, s per s."""
+
+EFFORT = 0.1
+"""Cost of full torque of one joint, s per s."""
 
 
 class Situation(NamedTuple):
@@ -73,36 +80,18 @@ class Situation(NamedTuple):
     horizon: float
 
 
-class CostModel(NamedTuple):
-    """What a motion costs, in seconds. The defaults were chosen on simulated episodes of discs that cross an arm's way.
-
-    Attributes:
-        margin: clearance that is to be kept now, m.
-        trusted: how long the prediction of the discs counts, less and less, s.
-        keep_out: how far from the base the discs stay, m.
-        hold: how long a goal is to be held, s.
-        growth: how the margin grows with the time ahead, m/s.
-        comfort, closeness: clearance from which on a disc does not matter, m, and cost of having none left, s per s.
-        effort: cost of full torque of one joint, s per s.
-        clearing: how far a disc must have moved until a wait for it may end, m.
-        detour: cost of ending elsewhere than at a goal, as a multiple of the least time from there to it.
-    """
+class Options(NamedTuple):
+    """Options of the same names of :func:`planners.lagrange.via.planner.plan_via`, m and s."""
 
     margin: float
-    trusted: float
+    prediction: float
     keep_out: float
     hold: float
-    growth: float = 0.03
-    comfort: float = 0.15
-    closeness: float = 1.0
-    effort: float = 0.1
-    clearing: float = 0.3
-    detour: float = 1.5
 
 
 class Stops(NamedTuple):
-    """Postures to come to rest in, ``(stops, n)``, rad, and for each: the cost of ending there (s), how long the arm
-    is to stay (s), the shortest duration that is tried (s), and how many of the patterns are tried.
+    """Postures to come to rest in, ``(stops, n)``, rad, and for each: the cost of ending there (s), the time of rest
+    (s), the shortest duration that is tried (s), and the number of patterns that are tried.
     """
 
     q: Array
@@ -113,7 +102,7 @@ class Stops(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for coefficients ``(n, 6)``, one joint state and its torques, ``(n,)`` each, and the last contact, s."""
+    """Buffers of coefficients ``(n, 6)``, one joint state and its torques, ``(n,)``; time of the last contact, s."""
 
     c: Array
     q: Array
@@ -132,11 +121,11 @@ class Found(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def search(situation: Situation, model: CostModel, ends: Stops, patterns: Array, via: Array) -> Found:
+def search(situation: Situation, options: Options, ends: Stops, patterns: Array, via: Array) -> Found:
     """Try every end with every pattern of via-nodes in several durations, and refine the best.
 
-    ``patterns`` are displacements of the via-nodes, ``(patterns, 2, n)``, rad; ``via`` ``(2, n)`` gets those of the
-    best.
+    ``patterns`` are displacements of the via-nodes, ``(patterns, 2, n)``, rad; those of the best are written to
+    ``via``, ``(2, n)``.
     """
     n = situation.q.shape[0]
     scratch = Scratch(np.empty((n, DEGREE + 1)), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(1))
@@ -150,22 +139,22 @@ def search(situation: Situation, model: CostModel, ends: Stops, patterns: Array,
                 tried[1] = patterns[p, 1] + pace * (ends.q[e] - situation.q)
                 duration = ends.soonest[e]
                 for _ in range(DURATIONS * (FINER if straight else 1)):
-                    cost = rate(situation, model, ends, e, tried, duration, best.cost, scratch)
+                    cost = rate(situation, options, ends, e, tried, duration, best.cost, scratch)
                     if cost < best.cost:
                         best = Found(cost, e, duration)
                         via[:] = tried
                     duration *= STRETCH ** (1.0 / FINER) if straight else STRETCH
-    return _refine(situation, model, ends, via, best, scratch) if best.end >= 0 else best
+    return _refine(situation, options, ends, via, best, scratch) if best.end >= 0 else best
 
 
 @njit(cache=True, nogil=True)
-def _refine(situation: Situation, model: CostModel, ends: Stops, via: Array, best: Found, scratch: Scratch) -> Found:
+def _refine(situation: Situation, options: Options, ends: Stops, via: Array, best: Found, scratch: Scratch) -> Found:
     """Coordinate search with shrinking strides over via-nodes and duration."""
     cost, e, duration = best
     stride = STRIDE
     for _ in range(ROUNDS):
         for other in (duration * math.exp(-0.5 * stride), duration * math.exp(0.5 * stride)):
-            tried = rate(situation, model, ends, e, via, other, cost, scratch)
+            tried = rate(situation, options, ends, e, via, other, cost, scratch)
             if tried < cost:
                 cost, duration = tried, other
                 break
@@ -174,7 +163,7 @@ def _refine(situation: Situation, model: CostModel, ends: Stops, via: Array, bes
                 middle = via[node, i]
                 for there in (middle - stride, middle + stride):
                     via[node, i] = there
-                    tried = rate(situation, model, ends, e, via, duration, cost, scratch)
+                    tried = rate(situation, options, ends, e, via, duration, cost, scratch)
                     if tried < cost:
                         cost, middle = tried, there
                         break
@@ -186,7 +175,7 @@ def _refine(situation: Situation, model: CostModel, ends: Stops, via: Array, bes
 @njit(cache=True, nogil=True)
 def rate(
     situation: Situation,
-    model: CostModel,
+    options: Options,
     ends: Stops,
     e: int,
     via: Array,
@@ -201,10 +190,10 @@ def rate(
     interpolate(situation.q, situation.qd, ends.q[e], via, duration, scratch.c)
     if not _keeps_limits(situation, scratch.c, duration):
         return np.inf
-    cost += _danger(situation, model, scratch, duration, duration + ends.hold[e], best - cost)
+    cost += _danger(situation, options, scratch, duration, duration + ends.hold[e], best - cost)
     if cost >= best:
         return np.inf
-    return float(cost + model.effort * duration * _load(situation, scratch, duration))
+    return float(cost + EFFORT * duration * _load(situation, scratch, duration))
 
 
 @njit(cache=True, nogil=True)
@@ -230,26 +219,26 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def _danger(
-    situation: Situation, model: CostModel, scratch: Scratch, duration: float, until: float, best: float
+    situation: Situation, options: Options, scratch: Scratch, duration: float, until: float, best: float
 ) -> float:
-    """Cost of coming close to discs until some time, as far as their prediction is trusted; at least up to ``best``."""
-    last = min(until, model.trusted)
-    # Where one candidate touches a disc, the next often does too: look there first.
+    """Cost of coming close to discs until some time or the end of their prediction, exact where below ``best``."""
+    last = min(until, options.prediction)
+    # Where one candidate touches a disc, the next often does too: check that time first.
     hit = float(scratch.hit[0])
-    touching = CONTACT * (1.0 + model.trusted - hit)
-    if hit <= last and touching >= best and _gap(situation, model, scratch, duration, hit) < TOUCHING:
+    touching = CONTACT * (1.0 + options.prediction - hit)
+    if hit <= last and touching >= best and _gap(situation, options, scratch, duration, hit) < TOUCHING:
         return touching
     cost = t = 0.0
     while cost < best:
-        gap = _gap(situation, model, scratch, duration, t)
+        gap = _gap(situation, options, scratch, duration, t)
         if gap < TOUCHING:
             scratch.hit[0] = t
-            return CONTACT * (1.0 + model.trusted - t)
+            return CONTACT * (1.0 + options.prediction - t)
         step = min(LONG_STEP, max(SHORT_STEP, gap / CLOSING_SPEED))
-        margin = model.margin + model.growth * t
-        trust = 1.0 - t / (model.trusted + LONG_STEP)
-        cost += step * trust * INTRUSION * max(0.0, 1.0 - gap / margin)
-        cost += step * trust * model.closeness * max(0.0, 1.0 - gap / model.comfort) ** 2
+        margin = options.margin + MARGIN_GROWTH * t
+        confidence = 1.0 - t / (options.prediction + LONG_STEP)
+        cost += step * confidence * INTRUSION * max(0.0, 1.0 - gap / margin)
+        cost += step * confidence * CLOSENESS * max(0.0, 1.0 - gap / COMFORT) ** 2
         if t >= last:
             break
         t = min(t + step, last)
@@ -257,25 +246,18 @@ def _danger(
 
 
 @njit(cache=True, nogil=True)
-def _gap(situation: Situation, model: CostModel, scratch: Scratch, duration: float, t: float) -> float:
-    """Clearance at time ``t``, s, also after the end, m."""
-    s = min(1.0, t / duration)
-    for i in range(scratch.q.shape[0]):
-        scratch.q[i] = angle_at(scratch.c[i], s)
-    return float(clearance_at(situation, model.keep_out, scratch.q, t))
+def _gap(situation: Situation, options: Options, scratch: Scratch, duration: float, t: float) -> float:
+    """Least clearance from the predicted discs at time ``t``, s, also after the end, m.
 
-
-@njit(cache=True, nogil=True)
-def clearance_at(situation: Situation, keep_out: float, q: Array, t: float) -> float:
-    """Least clearance of a posture from the discs where they are predicted to be at time ``t``, m.
-
-    They go straight on, but not closer to the base than ``keep_out``, m: around that they slide.
+    Discs move straight, and slide around the circle of ``keep_out`` about the base.
     """
-    nearest = np.inf
+    s, q, nearest = min(1.0, t / duration), scratch.q, np.inf
+    for i in range(q.shape[0]):
+        q[i] = angle_at(scratch.c[i], s)
     for disc in situation.discs:
         x, y = disc[0] + t * disc[2] - situation.base[0], disc[1] + t * disc[3] - situation.base[1]
         away = max(math.hypot(x, y), 1e-9)
-        out = max(1.0, keep_out / away)
+        out = max(1.0, options.keep_out / away)
         x, y = situation.base[0] + out * x, situation.base[1] + out * y
         gap = clearance_single(situation.lengths, situation.base, situation.link_radius, q, x, y, disc[4])
         nearest = min(nearest, gap)
@@ -284,7 +266,7 @@ def clearance_at(situation: Situation, keep_out: float, q: Array, t: float) -> f
 
 @njit(cache=True, nogil=True)
 def _load(situation: Situation, scratch: Scratch, duration: float) -> float:
-    """Mean square of the torques as shares of their limits, summed over the joints; infinite if one is exceeded."""
+    """Mean square of torque / limit, summed over the joints; infinite if a torque limit is exceeded."""
     _, q, qd, qdd, tau, _ = scratch
     total = 0.0
     for k in range(EFFORT_SAMPLES + 1):

@@ -1,26 +1,25 @@
 """The curve of the dodging planner: joint angles as polynomials of degree 5 in time, shaped by two via-nodes.
 
-It is the Lagrange interpolant on six Chebyshev-Lobatto nodes: the end nodes hold the start and the end, their
-neighbours are what the velocities of the ends make them, and the two in the middle, the via-nodes, are free. They are
-counted from the cubic with the same ends.
+It is the Lagrange interpolant on six Chebyshev-Lobatto nodes: the end nodes are the start and the end, their neighbours
+follow from the velocities at the ends, and the two in the middle, the via-nodes, are free. They are given relative to
+the cubic with the same ends.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.typing import Array
 
 DEGREE = 5
 VIA_TIMES = lobatto_nodes(DEGREE)[2:4]
-"""When the via-nodes are passed, as shares of the duration."""
+"""Times of the via-nodes, as shares of the duration."""
 
 
 def _coefficients_from_nodes() -> Array:
-    """Turns angle and rate at 0, angle and rate at 1, and the via-nodes into coefficients by rising power."""
+    """Matrix from angle and rate at 0, angle and rate at 1, and the via-nodes to coefficients by rising power."""
     power = np.arange(DEGREE + 1)
     angles = [s**power for s in (0.0, 1.0, *VIA_TIMES)]
     rates = [power * s ** np.maximum(power - 1, 0) for s in (0.0, 1.0)]
@@ -35,14 +34,14 @@ _CUBIC = np.array([[(1 - s) ** 2 * (1 + 2 * s), s * (1 - s) ** 2, s**2 * (3 - 2 
 
 @njit(cache=True, nogil=True)
 def interpolate(q: Array, qd: Array, end: Array, via: Array, duration: float, c: Array) -> None:
-    """The interpolant in ``s = t / duration``.
+    """Fill in the coefficients of the interpolant in ``s = t / duration``.
 
     Args:
         q, qd: start, ``(n,)``, rad and rad/s.
-        end: where it comes to rest, ``(n,)``, rad.
-        via: how far the via-nodes are off the cubic with the same ends, ``(2, n)``, rad.
+        end: posture of rest, ``(n,)``, rad.
+        via: displacements of the via-nodes from the cubic with the same ends, ``(2, n)``, rad.
         duration: s.
-        c: coefficients by rising power, filled in, ``(n, 6)``, rad.
+        c: coefficients by rising power, ``(n, 6)``, rad.
     """
     for i in range(q.shape[0]):
         r = qd[i] * duration
@@ -69,8 +68,3 @@ def derivative(c: Array, order: int, s: float) -> float:
 def angle_at(c: Array, s: float) -> float:
     """The polynomial with coefficients ``c``, ``(6,)``, at ``s``, rad."""
     return float(c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5])))))
-
-
-def sample_derivative(c: Array, order: int, s: Array) -> Array:
-    """A derivative of polynomials with coefficients ``(n, 6)`` at each of ``s``, ``(samples,)``: ``(samples, n)``."""
-    return np.asarray(polyval(s, polyder(c.T, order)).T, dtype=np.float64)

@@ -1,7 +1,7 @@
 """The dodging Lagrange planner: past moving discs to a fixed target, by via-nodes.
 
-Made for replanning every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the arm's present state, and ends
-at rest, so that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
+For replanning every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the present state, and ends at rest, so
+that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
 of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (eq 8, 9)
 on six Chebyshev-Lobatto nodes with the velocities of both ends met. As in the paper, angles at the inner nodes are
 found by direct search; here the cost counts time and closeness to the discs besides torque, and the duration is free.
@@ -10,34 +10,38 @@ found by direct search; here the cost counts time and closeness to the discs bes
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from numba import njit
+from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.via.candidates import SHARE, CostModel, Situation, Stops, search
-from planners.lagrange.via.curve import DEGREE, interpolate, sample_derivative
+from planners.lagrange.joint_move import KINDS
+from planners.lagrange.via.candidates import SHARE, Options, Situation, Stops, search
+from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
 from planners.typing import Array
 
 DISPLACEMENTS = (0.2, 0.5, 0.9)
-"""How far the via-nodes are displaced, rad."""
+"""Displacements of the via-nodes, rad."""
 
 PROFILES = ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
-"""Shares of that at the first and at the second via-node."""
+"""Shares of these at the first and at the second via-node."""
 
 RETREATS = (0.15, 0.4, 0.8)
-"""How far from where the arm can stop it may go to wait, rad."""
+"""Distances of waiting postures from the one in which the arm can stop, rad."""
 
 SHORTEST = 0.2
-"""Least duration of a motion that is tried, s."""
+"""Least duration of a motion, s."""
 
-SLOWEST = 0.03
-"""Speed of a disc below which waiting for it is no longer made more costly, m/s."""
+CLEARING, SLOWEST = 0.3, 0.03
+"""A wait for a disc costs its time for so many metres at its speed, m, at least at this speed, m/s."""
+
+DETOUR = 1.5
+"""Cost of ending in a waiting posture, as a multiple of the least time from there to a goal."""
 
 SAMPLE_STEP = 0.01
 """Longest time between samples of the trajectory, s."""
@@ -48,27 +52,27 @@ def plan_via(
     *,
     elbow: Elbow = "best",
     margin: float = 0.03,
-    trusted: float = 1.6,
+    prediction: float = 1.6,
     keep_out: float = 0.0,
     hold: float = 0.4,
 ) -> Trajectory:
     """Move to rest at a fixed target as soon as the limits and the obstacles allow.
 
-    Obstacles are predicted to go straight on. Where no way to the target is good, the plan ends in a posture to wait
-    in: stopping at once, or a little aside. Where no candidate is free of contact, it is the one of the latest contact.
+    Obstacles are predicted at constant velocity. If no candidate reaches the target at acceptable cost, the plan ends
+    in a waiting posture at or near the stopping point. If all candidates collide, it is the one of the latest contact.
 
     Args:
         problem: with a fixed target, and limits of velocity and acceleration; at rest or moving. The accelerations of
             the start are not continued.
         elbow: branch on which a target of the hand is met: the better one, the start's or a given one.
-        margin: clearance that is to be kept from obstacles, m, more than 0; it grows with the time ahead.
-        trusted: how long the prediction of the obstacles counts, s.
-        keep_out: how far from the base the obstacles' centres stay, m; predicted closer, they slide around it.
-        hold: how long the target is to be held, s; what comes after that does not matter.
+        margin: clearance to keep from obstacles, m, more than 0; it grows with the time ahead.
+        prediction: prediction horizon of the obstacles, s.
+        keep_out: least distance of the obstacles' centres from the base, m; predicted closer, they slide around it.
+        hold: time for which the target is to be held, s; later contacts are ignored.
 
     Returns:
         The trajectory. Its cost, in seconds, is that of the search: 1000 or more if contact with an obstacle is
-        predicted. Its ``rendezvous_time`` is infinite if it ends in a posture to wait in.
+        predicted. Its ``rendezvous_time`` is infinite if it ends in a waiting posture.
 
     Raises:
         Infeasible: with reason ``unreachable``; ``late`` if the horizon is too short; ``start`` if the start leaves no
@@ -77,29 +81,28 @@ def plan_via(
     """
     if isinstance(problem.target, MovingHand):
         raise ValueError('variant "via" needs a target that does not move; variant "optimal" meets a moving one')
-    options = {"margin": margin, "trusted": trusted, "keep_out": keep_out, "hold": hold}
+    options = Options(margin, prediction, keep_out, hold)
     _require_sensible(problem, options)
-    model = CostModel(margin, trusted, keep_out, hold)
     situation = _situation(problem)
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
     goals = np.array(goal_postures(problem, problem.target, elbow))
-    ends = list_ends(situation, model, goals, offsets, len(patterns))
+    ends = list_ends(situation, hold, goals, offsets, len(patterns))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
         raise _late(problem, soonest)
     via = np.zeros((2, problem.arm.n_joints))
-    found = search(situation, model, ends, patterns, via)
+    found = search(situation, options, ends, patterns, via)
     if found.end < 0:
         raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
-    if found.end >= len(goals) and not problem.obstacles:  # there is nothing to wait for
+    if found.end >= len(goals) and not problem.obstacles:  # no reason to wait
         raise _late(problem, soonest)
     c = np.empty((problem.arm.n_joints, DEGREE + 1))
     interpolate(situation.q, situation.qd, ends.q[found.end], via, found.duration, c)
     return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
 
 
-def _require_sensible(problem: MotionProblem, options: Mapping[str, float]) -> None:
-    for name, value in options.items():
+def _require_sensible(problem: MotionProblem, options: Options) -> None:
+    for name, value in options._asdict().items():
         if not (math.isfinite(value) and value >= 0.0) or (name == "margin" and value == 0.0):
             least = "positive" if name == "margin" else "not negative"
             raise ValueError(f"{name} {value} must be finite and {least}")
@@ -118,30 +121,17 @@ def _situation(problem: MotionProblem) -> Situation:
     arm, limits = problem.loaded_arm, problem.joint_limits
     discs = [(*obstacle.position, *obstacle.velocity, obstacle.radius) for obstacle in problem.obstacles]
     q, qd, _ = problem.start
-    coupling, weight = arm.chain_constants
-    kinds = ("torque", "velocity", "acceleration", "jerk", "angle")
-    torque, velocity, acceleration, jerk, angle = (np.array(getattr(limits, kind)) for kind in kinds)
+    torque, velocity, acceleration, jerk, angle = (np.array(getattr(limits, kind)) for kind in KINDS)
+    body = arm.length_array, arm.base_array, arm.link_radius, *arm.chain_constants
+    disc_rows = np.array(discs).reshape(-1, 5)
     return Situation(
-        arm.length_array,
-        arm.base_array,
-        arm.link_radius,
-        coupling,
-        weight,
-        torque,
-        velocity,
-        acceleration,
-        jerk,
-        angle,
-        q.copy(),
-        qd.copy(),
-        np.array(discs).reshape(-1, 5),
-        problem.horizon,
+        *body, torque, velocity, acceleration, jerk, angle, q.copy(), qd.copy(), disc_rows, problem.horizon
     )
 
 
 @lru_cache
 def _patterns(n_joints: int) -> Array:
-    """Displacements of the via-nodes, ``(patterns, 2, n)``, rad; none first."""
+    """Displacements of the via-nodes, ``(patterns, 2, n)``, rad; the first is zero."""
     sides = _sides(n_joints)
     displaced = [size * np.outer(profile, side) for size in DISPLACEMENTS for profile in PROFILES for side in sides]
     return np.array([np.zeros((2, n_joints)), *displaced])
@@ -149,32 +139,31 @@ def _patterns(n_joints: int) -> Array:
 
 @lru_cache
 def _offsets(n_joints: int) -> Array:
-    """Offsets of the postures to wait in from the one to stop in, ``(offsets, n)``, rad; none first."""
+    """Offsets of the waiting postures from the one to stop in, ``(offsets, n)``, rad; the first is zero."""
     aside = [size * side for size in RETREATS for side in _sides(n_joints)]
     return np.array([np.zeros(n_joints), *aside])
 
 
 def _sides(n_joints: int) -> list[Array]:
-    """Every joint back, not at all or forth, ``(n,)``, but for none at all."""
+    """All sign patterns in {-1, 0, 1} of the joints except all zeros, ``(n,)`` each."""
     return [np.array(signs) for signs in product((-1.0, 0.0, 1.0), repeat=n_joints) if any(signs)]
 
 
 @njit(cache=True, nogil=True)
-def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Array, patterns: int) -> Stops:
-    """Goals ``(goals, n)``, with every pattern, and postures to wait in: where the arm can stop, and off it.
+def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, patterns: int) -> Stops:
+    """Goals ``(goals, n)``, with every pattern, and waiting postures: where the arm can stop, plus ``offsets``.
 
-    The latter by ``offsets``, ``(offsets, n)``. Waiting postures outside of the joint ranges are left out. They are
-    gone to without via-nodes, and held for good.
+    Waiting postures outside of the joint ranges are left out; the motion to them has no via-nodes.
     """
     n, still = situation.q.shape[0], np.zeros_like(situation.q)
     most, count = goals.shape[0] + offsets.shape[0], goals.shape[0]
     q, soonest = np.empty((most, n)), np.empty(most)
-    due, hold, tried = np.zeros(most), np.full(most, model.hold), np.full(most, patterns)
+    due, holds, tried = np.zeros(most), np.full(most, hold), np.full(most, patterns)
     for g in range(count):
         q[g], soonest[g] = goals[g], max(SHORTEST, _least_time(situation, situation.q, situation.qd, goals[g]))
     waiting = 0.0
     for disc in situation.discs:
-        waiting = max(waiting, model.clearing / max(math.hypot(disc[2], disc[3]), SLOWEST))
+        waiting = max(waiting, CLEARING / max(math.hypot(disc[2], disc[3]), SLOWEST))
     braking = SHORTEST
     for i in range(n):
         braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
@@ -182,13 +171,13 @@ def list_ends(situation: Situation, model: CostModel, goals: Array, offsets: Arr
         posture = situation.q + 0.5 * braking * situation.qd + offset
         if (np.abs(posture) > situation.angle).any():
             continue
-        q[count], hold[count], tried[count] = posture, np.inf, 1
+        q[count], holds[count], tried[count] = posture, np.inf, 1
         soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, posture))
         due[count] = np.inf
         for goal in goals:
-            due[count] = min(due[count], waiting + model.detour * _least_time(situation, posture, still, goal))
+            due[count] = min(due[count], waiting + DETOUR * _least_time(situation, posture, still, goal))
         count += 1
-    return Stops(q[:count], due[:count], hold[:count], soonest[:count], tried[:count])
+    return Stops(q[:count], due[:count], holds[:count], soonest[:count], tried[:count])
 
 
 @njit(cache=True, nogil=True)
@@ -204,6 +193,9 @@ def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
 def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, *, waits: bool) -> Trajectory:
     """Sample an interpolant."""
     t = np.linspace(0.0, duration, max(2, math.ceil(duration / SAMPLE_STEP)) + 1)
-    q, qd, qdd = (sample_derivative(c, order, t / duration) / duration**order for order in range(3))
+    q, qd, qdd = (
+        np.asarray(polyval(t / duration, polyder(c.T, order)).T / duration**order, dtype=np.float64)
+        for order in range(3)
+    )
     rendezvous = math.inf if waits else duration
     return sampled_trajectory(problem, t, q, qd, qdd, cost=cost, rendezvous_time=rendezvous, planner="lagrange (via)")
