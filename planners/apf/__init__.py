@@ -3,9 +3,9 @@
 After O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986), and T. H. Kim, M. S. Park,
 S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot".
 
-- ``variant="field"``, the default (:mod:`planners.apf.prediction`): the fields of the experts, simulated: around the
+- ``variant="field"``, the default (:mod:`planners.apf.prediction`), simulates the fields of the experts: around the
   whole arm among moving discs (:mod:`planners.apf.dodge`), relative to a moving target
-  (:mod:`planners.apf.moving_target`), or in joint space with a time to be at rest (:mod:`planners.apf.joint_field`).
+  (:mod:`planners.apf.moving_target`), or in joint space to rest in a given time (:mod:`planners.apf.joint_field`).
 - ``variant="paper"`` (:mod:`planners.apf.paper`): Khatib's field on the hand, with the paper's distance function.
 
 A controller evaluates a field at every instant. `plan` gives the motion if every obstacle keeps its velocity.

@@ -1,13 +1,13 @@
-"""Attraction along one direction, as strong as limits of acceleration and jerk allow and as can be braked in time.
+"""Attraction along one direction within limits of acceleration and jerk, without overshoot.
 
-O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986), attracts by the force of a
-parabolic well, here ``U = w^2 x^2 / 2``, damped by the velocity (eq 13, 14), and caps the velocity (eq 15 to 17). Here
-the cap is the velocity that can be braked before the goal with limited acceleration and jerk. With unlimited jerk and
-the acceleration limit A the field would saturate to a conic well, ``U = A |x|``, with ``v^2 / 2 <= A |x|``.
+O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots" (1986), attracts by the parabolic potential
+``U = w^2 x^2 / 2``, damped by the velocity (eq 13, 14), and limits the velocity (eq 15 to 17). Here the limit is the
+velocity that can be braked before the goal with limited acceleration and jerk. With unlimited jerk and the acceleration
+limit A the potential saturates to a conic one, ``U = A |x|``, with ``v^2 / 2 <= A |x|``.
 
 With the damping ratio 1 / sqrt 2 the line ``w^2 x + sqrt 2 w v = A`` is tangent to the curve ``v^2 / 2 = A |x|``, so
-that the force does not jump between the two wells; more damping would brake earlier than needed. The linear field alone
-would overshoot by 4 %; the cap leaves less than half of that.
+that the force does not jump between the two; more damping brakes earlier than needed. The linear field alone overshoots
+by 4 %, with the velocity limit by less than half of that.
 """
 
 from __future__ import annotations
@@ -102,9 +102,9 @@ def braking_distance(v: float, a: float, braking: tuple[float, float], jerk: flo
         p = strongest
     turning = (a + p) / jerk
     v_held = v + turning * (a - 0.5 * jerk * turning)
-    way = turning * (v + turning * (0.5 * a - jerk * turning / 6.0))
-    way += held * (v_held - 0.5 * p * held)
-    return sign * (way + p**3 / (6.0 * jerk * jerk))
+    distance = turning * (v + turning * (0.5 * a - jerk * turning / 6.0))
+    distance += held * (v_held - 0.5 * p * held)
+    return sign * (distance + p**3 / (6.0 * jerk * jerk))
 
 
 @njit(cache=True, nogil=True)

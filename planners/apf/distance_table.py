@@ -1,4 +1,4 @@
-"""The distance function of the paper (eq 20): a table that makes approaching discs nearer and receding ones farther.
+"""The distance function of the paper (eq 20): a table that reduces the distance of approaching discs.
 
 T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot", takes the distance
 to a moving obstacle as ``rho = dist{rho_i, ..., delta rho_j, ...}`` (eq 20), with values looked up by the obstacle's
@@ -21,7 +21,7 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class DistanceTable:
-    """What is added to the distance of a moving disc.
+    """Shifts of the distance of a moving disc.
 
     Attributes:
         shifts: delta rho, m: rows for relative speeds from 0 to ``max_speed`` in even steps, columns for directions

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
-from planners.apf.khatib import Gains, gradient_single, make_gains
+from planners.apf.khatib import Gains, make_gains, wall
 from planners.typing import Array
 
 Distance = Literal["table", "static"]
@@ -28,7 +28,7 @@ _DAMPING = 0.1  # largest lambda, as a share of the geometric mean of the link l
 
 
 class HandField(NamedTuple):
-    """The potential's gains, and ``shifts`` and ``max_speed`` of the :class:`DistanceTable`; see :func:`make_field`."""
+    """The gains of the potential, and ``shifts`` and ``max_speed`` of the :class:`DistanceTable`."""
 
     gains: Gains
     shifts: Array
@@ -47,7 +47,7 @@ def make_field(
 
     Args:
         square: Khatib's wall; else eq 8 as printed (see :mod:`planners.apf.khatib`).
-        distance: ``"table"`` is the paper's (eq 20), looking 0.4 s ahead; ``"static"`` is eq 10; or a table.
+        distance: ``"table"`` is eq 20 with a look-ahead time of 0.4 s; ``"static"`` is eq 10; or a table.
         attraction, repulsion, influence: as for :func:`planners.apf.khatib.make_gains`.
 
     Raises:
@@ -95,7 +95,7 @@ def hand_velocity_single(
     radii: Array,
     velocity: Array,
 ) -> None:
-    """Velocity (m/s) of the field at one hand (eq 16), written to ``velocity``, ``(2,)``.
+    """Velocity (m/s) of the field at one hand, written to ``velocity``, ``(2,)``: down the gradient (eq 2, 16).
 
     Args:
         field: of :func:`make_field`.
@@ -105,11 +105,15 @@ def hand_velocity_single(
         radii: of the discs plus that of the hand, ``(k,)``.
         velocity: the result.
     """
-    shifts = np.empty(radii.shape[0])
+    for axis in range(2):
+        velocity[axis] = field.gains.attraction * (hand[axis] - goal[axis])
     for k in range(radii.shape[0]):
         dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
         vx, vy = velocities[k, 0] - hand_velocity[0], velocities[k, 1] - hand_velocity[1]
-        shifts[k] = disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
-    gradient_single(field.gains, hand, goal, positions, radii, shifts, velocity)
+        distance, shift = np.hypot(dx, dy), disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
+        _, slope = wall(field.gains, distance - radii[k] + shift)
+        if distance > 0.0:  # no direction at the centre
+            velocity[0] += slope * dx / distance
+            velocity[1] += slope * dy / distance
     velocity[0] = -velocity[0]
     velocity[1] = -velocity[1]

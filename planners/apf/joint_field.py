@@ -1,14 +1,14 @@
 """A field in joint space that brings the joints to rest at the goal in a given time.
 
-The well steepens as time runs out. With the error ``e = goal - q`` and the remaining time ``tau``
+The potential steepens as time runs out. With the error ``e = goal - q`` and the remaining time ``tau``
 
     q'' = 6 e / tau^2 - 4 q' / tau,
 
-the force of the well ``U = 3 e^2 / tau^2`` and a damping of ``4 / tau``, moves every joint along the cubic that reaches
-rest at the goal in time with the least integral of ``q''^2``. A motion with the least sum of absolute torques
-accelerates at once, coasts, and brakes late, so the well is only used for braking. Before, the joints are driven to
-the velocity ``v = e / (tau - t_b / 3)`` and coast until the braking time ``t_b`` is left. Then ``e = 2/3 v tau``, where
-the well's force is zero; from there it grows linearly to ``2 v / t_b`` at the goal, as large as the torques in the
+the force of the potential ``U = 3 e^2 / tau^2`` and a damping of ``4 / tau``, moves every joint along the cubic that
+reaches rest at the goal in time with the least integral of ``q''^2``. A motion with the least sum of absolute torques
+accelerates at once, coasts, and brakes late, so the potential is only used for braking. Before, the joints are driven
+to the velocity ``v = e / (tau - t_b / 3)`` and coast until the braking time ``t_b`` is left. Then ``e = 2/3 v tau``,
+where the force is zero; from there it grows linearly to ``2 v / t_b`` at the goal, as large as the torques in the
 goal's posture allow. This is the velocity servo of O. Khatib, "Real-time obstacle avoidance for manipulators and mobile
 robots" (1986), eq 15 to 17, with a largest velocity that follows from the remaining time.
 """
@@ -27,26 +27,26 @@ from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 BRAKING_SHARE = 0.9
-"""Share of the torque limits that braking is planned with; the rest is for centrifugal torques and disturbances."""
+"""Share of the torque limits for braking; the rest is for centrifugal torques and disturbances."""
 
 TORQUE_SHARE = 0.999
 """Share of the torque limits that is used: held torques half a period ahead are a prediction."""
 
 _LEAST_BRAKING = 4.0
-"""Least number of periods for braking, for limits that hardly matter."""
+"""Least number of periods for braking."""
 
 _PASSES = 4
 
 _LEAST_ROOM = 0.1
-"""Least share of a torque limit that braking counts on, however much of it gravity takes."""
+"""Least share of a torque limit for braking, however much of it gravity takes."""
 
 
 def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, period: float) -> Array:
     """Joint accelerations of the field.
 
     Args:
-        arm: with any number of links. Its joint ranges are kept by moves from rest between angles within them, which
-            are straight lines in joint space as long as the torques suffice.
+        arm: with any number of links. Moves from rest keep its joint ranges as long as the torque limits do not bend
+            their straight lines in joint space.
         q, qd: joint angles and velocities, ``(batch, n)``.
         goal: joint angles to reach, ``(batch, n)``, rad.
         time_left: a number or ``(batch,)``, s; rounded to whole periods.
@@ -70,14 +70,13 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
 
 @njit(cache=True, nogil=True)
 def least_acceleration(error: float, speed: float, periods: float, period: float) -> float:
-    """The well's acceleration of one joint, held for the next period, in its exact form for sampled motions.
+    """Braking acceleration of one joint, held for the next period, in its exact form for sampled motions.
 
     Of all sequences of accelerations, each held for a period T, that bring a joint to rest at the goal in N periods,
     the one with the least sum of squares begins with ``6 e / (N (N + 1) T^2) - (4 N + 1) qd / (N (N + 1) T)``.
 
     Args:
-        error: from the angle to the goal, e, rad.
-        speed: qd, rad/s.
+        error, speed: e, rad, and qd, rad/s.
         periods: N; with a single one left the joint can only stop.
         period: T, s.
     """
@@ -115,7 +114,7 @@ def _reach(
 
 @njit(cache=True, nogil=True)
 def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
-    """Braking time t_b, s, for which the last torques, at the goal, are what the limits leave beside gravity's.
+    """Braking time t_b, s, for which the torques at the goal use what gravity leaves of the limits.
 
     The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
     the least k, s^2, for which the torques of ``e / k`` are within the limits. Infinite if there is no solution.

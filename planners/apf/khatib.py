@@ -23,18 +23,11 @@ from numba import njit
 from planners.typing import Array
 
 NEAREST_SHARE = 0.1
-"""Share of the influence below which the wall has a constant slope, because at contact it would be infinitely steep."""
+"""Share of the influence below which the wall has a constant slope, because it grows to infinity at contact."""
 
 
 class Gains(NamedTuple):
-    """Parameters of the potential.
-
-    Attributes:
-        attraction: xi, 1/s.
-        repulsion: eta, m^4/s with the square and m^3/s without it.
-        influence: rho_0, m.
-        square: Khatib's wall rather than the printed one.
-    """
+    """xi, 1/s; eta, m^4/s with the square and m^3/s without it; rho_0, m; whether the wall has Khatib's square."""
 
     attraction: float
     repulsion: float
@@ -45,8 +38,8 @@ class Gains(NamedTuple):
 def make_gains(attraction: float, repulsion: float, influence: float, square: bool = True) -> Gains:
     """Gains for either form of the wall.
 
-    ``repulsion`` is the eta of Khatib's form, m^4/s; the printed form gets ``2 eta / rho_0``, which is as steep halfway
-    into the influence, so that the two can be compared.
+    ``repulsion`` is the eta of Khatib's form, m^4/s; the printed form gets ``2 eta / rho_0``, which has the same slope
+    at half the influence.
 
     Raises:
         ValueError: if one of the numbers is not finite and positive.
@@ -77,10 +70,9 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
 
     Args:
         gains: of the potential.
-        hands: where to evaluate it, ``(points, 2)``, m.
+        hands: positions, ``(points, 2)``, m.
         goal: ``(2,)``, m.
-        positions: centres of the discs, ``(k, 2)``, m; their walls add up.
-        radii: of the discs plus that of the hand, ``(k,)``, m.
+        positions, radii: of the discs, ``(k, 2)`` and ``(k,)``, m; the radii include that of the hand.
     """
     bowl, walls = np.empty(hands.shape[0]), np.zeros(hands.shape[0])
     for i in range(hands.shape[0]):
@@ -89,22 +81,3 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
         for k in range(radii.shape[0]):
             walls[i] += wall(gains, np.hypot(x - positions[k, 0], y - positions[k, 1]) - radii[k])[0]
     return bowl, walls
-
-
-@njit(cache=True, nogil=True)
-def gradient_single(
-    gains: Gains, hand: Array, goal: Array, positions: Array, radii: Array, shifts: Array, gradient: Array
-) -> None:
-    """Gradient (eq 2) of the total potential at one hand, m/s, written to ``gradient``, ``(2,)``.
-
-    Arguments as for :func:`potential`; ``shifts``, ``(k,)``, m, are added to the distances (0: eq 10).
-    """
-    for axis in range(2):
-        gradient[axis] = gains.attraction * (hand[axis] - goal[axis])
-    for k in range(radii.shape[0]):
-        dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
-        distance = np.hypot(dx, dy)
-        _, slope = wall(gains, distance - radii[k] + shifts[k])
-        if distance > 0.0:  # no direction at the centre
-            gradient[0] += slope * dx / distance
-            gradient[1] += slope * dy / distance

@@ -25,16 +25,16 @@ BANDWIDTH = 0.24
 """Natural frequency of the linear field times the control period."""
 
 RESERVE = 0.95
-"""Share of acceleration and jerk that braking counts on: the posture changes meanwhile."""
+"""Share of acceleration and jerk for braking: the posture changes during it."""
 
 TORQUE_SHARE = 0.999
 """Share of the torque limits that is used: the dynamics half a period ahead are a prediction."""
 
 LOOK_AHEAD = 1.0
-"""Longest time for which the place of the meeting is predicted, s."""
+"""Longest prediction of the meeting point, s."""
 
 _WEAKEST = 1e-3
-"""Least acceleration that braking counts on, where the limits do not even allow to follow the target, m/s^2."""
+"""Least acceleration for braking, also where the limits do not allow to follow the target, m/s^2."""
 
 _PROJECTIONS = 40
 
@@ -85,17 +85,16 @@ def approach(
     Args:
         arm: with two links.
         q, qd: joint angles and velocities, ``(batch, 2)``.
-        qdd: mean joint accelerations of the last control period, ``(batch, 2)``, from which the jerk is counted.
-            Commanded ones are better than measured ones: with an unknown payload the measured ones fall short, and the
-            field could not build up its force from them.
+        qdd: mean joint accelerations of the last control period, ``(batch, 2)``, for the jerk: commanded ones, since
+            with an unknown payload the measured ones are too small for the field to build up its force.
         target: position, velocity and acceleration of the target, each ``(batch, 2)``, m, m/s, m/s^2.
         period: control period, s.
         bandwidth: natural frequency of the field close to the target, rad/s; `BANDWIDTH` / period by default.
         limits: of the joints, except for their ranges; the arm's own by default.
 
     Returns:
-        Mean joint accelerations over the next period, ``(batch, 2)``, rad/s^2. They are always within `smooth_bounds`,
-        which keep the limits of velocity, acceleration and jerk; and within those of torque as far as these allow.
+        Mean joint accelerations over the next period, ``(batch, 2)``, rad/s^2, within `smooth_bounds` (velocity,
+        acceleration and jerk), and within the torque limits as far as these allow.
 
     Raises:
         ValueError: if the arm does not have two links, or period or bandwidth are not positive.
@@ -170,7 +169,7 @@ def _relative_to_target(
 def _response_now(
     model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, along: _Pair, v: float, vy: float, period: float
 ) -> _Response:
-    """The next period, at whose end the hand has the velocity ``v`` along the path and ``vy`` across it if s = 0.
+    """The next period: for s = 0 the hand has the velocity ``v`` along the path and ``vy`` across it at its end.
 
     Velocities are converted in the posture predicted for the end of the period, which avoids drift; torques are those
     half a period ahead.
@@ -192,8 +191,8 @@ def _response_now(
 
 @njit(cache=True, nogil=True)
 def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pair, x: float, v: float) -> _Response:
-    """Following the target at the place where the hand will come to rest relative to it."""
-    # Braking evenly to rest takes twice as long as the same way at the present velocity.
+    """Following the target from the point where the hand comes to rest relative to it."""
+    # braking evenly to rest takes twice as long as the same distance at the present velocity
     t = min(LOOK_AHEAD, -2.0 * x / v) if x * v < 0.0 else 0.0
     px = target.position[0] + t * (target.velocity[0] + 0.5 * t * target.acceleration[0])
     py = target.position[1] + t * (target.velocity[1] + 0.5 * t * target.acceleration[1])
@@ -224,7 +223,7 @@ def _response(model: _ArmModel, q: Array, qd: Array, still: _Pair, slope: _Pair)
 
 @njit(cache=True, nogil=True)
 def _braking(model: _ArmModel, now: _Response, later: _Response) -> tuple[_Pair, float]:
-    """What braking can count on in both postures: lowest and highest acceleration along the path, and jerk."""
+    """Lowest and highest acceleration along the path, and jerk, that braking can use in both postures."""
     lowest, highest, jerk = -math.inf, math.inf, math.inf
     for response in (now, later):
         low, high = _interval(response, -model.acceleration, model.acceleration, model.torque)

@@ -1,12 +1,12 @@
 """The potential-field paper as published: the hand moves down the gradient of the potential, and the arm follows.
 
-T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot": a bowl around the
-goal and a wall around the obstacle (:mod:`planners.apf.khatib`) at a distance that depends on the obstacle's motion
-(:mod:`planners.apf.distance_table`) give the velocity of the hand and by the inverse Jacobian that of the joints
-(:mod:`planners.apf.hand_field`), every 0.1 ms. Equations 13 to 15 are the inverse kinematics: see :func:`posture`.
+T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planning for SCARA robot": the potential
+(:mod:`planners.apf.khatib`) at a distance that depends on the obstacle's motion (:mod:`planners.apf.distance_table`)
+gives the velocity of the hand and by the inverse Jacobian that of the joints (:mod:`planners.apf.hand_field`), every
+0.1 ms. Equations 13 to 15 are the inverse kinematics: see :func:`posture`.
 
 As in the paper, the limits of the arm are not kept, the motion starts at the velocity of the field, and only the hand
-is kept clear of the discs.
+avoids the discs.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from planners.apf.hand_field import (
     joint_rates_single,
     make_field,
 )
+from planners.apf.khatib import Gains
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single
@@ -42,7 +43,7 @@ Outcome = Literal["reached", "collision", "local_minimum", "late"]
 
 _MEASURING_TIME = 0.01  # s
 _MOST_SAMPLES = 5_000_000
-_STALL_TIME, _STALL_SHARE = 0.5, 0.1  # s; of the way the bowl alone would have taken the hand in that time
+_STALL_TIME, _STALL_SHARE = 0.5, 0.1  # s; of the distance that the bowl alone moves the hand in that time
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,10 @@ class FieldMotion:
 
     Attributes:
         t: sample times, ``(samples,)``, s.
-        q, qd: joint angles and velocities of the field there, ``(samples, 2)``.
+        q, qd: joint angles and velocities, ``(samples, 2)``.
         clearance, hand_clearance: of the whole arm and of the hand alone, ``(samples,)``, m; inf without discs.
-        outcome: ``reached`` the goal, ``collision`` of the arm, in a ``local_minimum`` at the horizon, or still moving
-            then (``late``).
+        outcome: ``reached`` the goal, ``collision`` of the arm, or at the horizon in a ``local_minimum`` or still
+            moving (``late``).
     """
 
     t: Array
@@ -88,9 +89,8 @@ def plan_paper(
         The motion until the goal is reached. ``limit_ratios`` may be above 1. ``cost`` is the duration, s.
 
     Raises:
-        Infeasible: reason ``collision`` if the arm touches a disc, ``local_minimum`` if it is stuck at the horizon,
-            ``late`` if it is still moving then (details of each: ``time``, s; ``clearance`` of the arm and
-            ``hand_clearance``, m; ``distance`` to the goal, m), ``unreachable`` if the goal is out of reach.
+        Infeasible: reason ``collision``, ``local_minimum`` or ``late``, see :class:`FieldMotion` (details: ``time``, s;
+            ``clearance``, ``hand_clearance`` and ``distance`` to the goal, m), or ``unreachable``.
         ValueError: if the problem or an option is not of this kind.
     """
     field = make_field(
@@ -117,8 +117,8 @@ def follow_field(
     Args:
         problem, period, tolerance: as for :func:`plan_paper`.
         field: of :func:`planners.apf.hand_field.make_field`.
-        measuring_time: time constant of the low-pass filter of the hand's velocity for the table, s; 0: unfiltered,
-            which oscillates from sample to sample where the wall is steep.
+        measuring_time: time constant of the low-pass filter of the hand's velocity for the table, s; without it (0) the
+            velocity oscillates from sample to sample where the wall is steep.
 
     Raises:
         Infeasible: reason ``unreachable`` if the goal is out of reach.
@@ -152,7 +152,7 @@ def follow_field(
         1.0 - math.exp(-period / measuring_time) if measuring_time else 1.0,
     )
     q, _, clearance, _ = samples
-    outcome = _outcome(problem, field, goal, q, clearance, period, tolerance)
+    outcome = _outcome(problem, field.gains, goal, q, clearance, period, tolerance)
     return FieldMotion(period * np.arange(len(q), dtype=np.float64), *samples, outcome)
 
 
@@ -225,15 +225,9 @@ def _follow(
 
 
 def _outcome(
-    problem: MotionProblem,
-    field: HandField,
-    goal: Array,
-    q: Array,
-    clearance: Array,
-    period: float,
-    tolerance: float,
+    problem: MotionProblem, gains: Gains, goal: Array, q: Array, clearance: Array, period: float, tolerance: float
 ) -> Outcome:
-    """What became of the motion; it is stuck where the hand has hardly moved for `_STALL_TIME`."""
+    """Outcome of the motion; a local minimum where the hand has been almost at rest for `_STALL_TIME`."""
     if clearance[-1] < 0.0:
         return "collision"
     back = min(round(_STALL_TIME / period), len(q) - 1)
@@ -241,7 +235,7 @@ def _outcome(
     distance, moved = np.hypot(*(hand - goal)), np.hypot(*(hand - before))
     if distance <= tolerance:
         return "reached"
-    stuck = moved < _STALL_SHARE * back * period * field.gains.attraction * distance
+    stuck = moved < _STALL_SHARE * back * period * gains.attraction * distance
     return "local_minimum" if stuck else "late"
 
 

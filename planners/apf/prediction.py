@@ -52,13 +52,13 @@ def plan_field(
     field = _field(problem, period, tolerance, hold_time)
     q, qd, qdd = (array[None].copy() for array in problem.start)
     steps = max(1, int(problem.horizon / period + 1e-6))
-    states, asked = [np.stack([q[0], qd[0]])], []
+    states, accelerations = [np.stack([q[0], qd[0]])], []
     since = 0 if _error(problem, 0.0, q) <= tolerance else None
     for step in range(steps):
         qdd = field(step * period, q, qd, qdd)
         q, qd = q + period * (qd + 0.5 * period * qdd), qd + period * qdd
         states.append(np.stack([q[0], qd[0]]))
-        asked.append(qdd[0])
+        accelerations.append(qdd[0])
         t = (step + 1) * period
         _require_clear(problem, t, q)
         if _error(problem, t, q) > tolerance:
@@ -70,7 +70,7 @@ def plan_field(
     if since is None:
         error = _error(problem, t, q)
         raise Infeasible("late", f"after {t:.4g} s the field is still {error:.3g} from the target", error=error)
-    return _sampled(problem, np.array(states), np.array(asked), period, since * period)
+    return _sampled(problem, np.array(states), np.array(accelerations), period, since * period)
 
 
 def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: float) -> Field:
@@ -79,31 +79,31 @@ def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: f
     if isinstance(target, MovingHand):
         acceleration = target.acceleration[None]
 
-        def carried(t: float, q: Array, qd: Array, qdd: Array) -> Array:
+        def follow(t: float, q: Array, qd: Array, qdd: Array) -> Array:
             position, velocity = target.at(np.array([t]))
             return approach(arm, q, qd, qdd, (position, velocity, acceleration), period, limits=problem.joint_limits)
 
-        return carried
+        return follow
     if isinstance(target, FixedJoints):
         goal = target.q[None]
 
-        def timed(t: float, q: Array, qd: Array, qdd: Array) -> Array:
+        def rest_in_time(t: float, q: Array, qd: Array, qdd: Array) -> Array:
             return reach(arm, q, qd, goal, problem.horizon - t, period)
 
-        return timed
+        return rest_in_time
     hand, gains, discs = target.position[None], tuned_gains(), problem.obstacles
     memory = new_memory(1, len(discs))
     positions = np.array([disc.position for disc in discs]).reshape(-1, 2)
     velocities = np.array([disc.velocity for disc in discs]).reshape(-1, 2)
     radii = np.array([[disc.radius for disc in discs]])
 
-    def guarded(t: float, q: Array, qd: Array, qdd: Array) -> Array:
-        places, rates = (positions + t * velocities)[None], velocities[None]
+    def dodge(t: float, q: Array, qd: Array, qdd: Array) -> Array:
+        discs = (positions + t * velocities)[None], velocities[None], radii
         return dodge_accelerations(
-            arm, gains, q, qd, hand, places, rates, radii, memory, period, tolerance=tolerance, hold_time=hold_time
+            arm, gains, q, qd, hand, *discs, memory, period, tolerance=tolerance, hold_time=hold_time
         )
 
-    return guarded
+    return dodge
 
 
 def _error(problem: MotionProblem, t: float, q: Array) -> float:
@@ -122,15 +122,15 @@ def _require_clear(problem: MotionProblem, t: float, q: Array) -> None:
             raise Infeasible("collision", f"after {t:.4g} s the arm touches an obstacle", time=t, clearance=gap)
 
 
-def _sampled(problem: MotionProblem, states: Array, asked: Array, period: float, since: float) -> Trajectory:
+def _sampled(problem: MotionProblem, states: Array, accelerations: Array, period: float, since: float) -> Trajectory:
     """The motion as a trajectory: accelerations are constant within a period, and jump between two."""
-    # Each instant twice, except for the ends: with the acceleration before and the one after.
+    # each instant twice, except for the ends: with the acceleration before and the one after
     t = np.repeat(period * np.arange(len(states)), 2)[1:-1]
     t[1::2] -= 1e-9 * period
     q, qd = (np.repeat(states[:, kind], 2, axis=0)[1:-1] for kind in (0, 1))
-    qdd = np.repeat(asked, 2, axis=0)
+    qdd = np.repeat(accelerations, 2, axis=0)
     motion = sampled_trajectory(problem, t, q, qd, qdd, planner="APF (field)", cost=since, rendezvous_time=since)
-    # The fields limit jerk as the change of the acceleration from one period to the next.
-    jerk = np.diff(asked, axis=0, prepend=problem.start[2][None]) / period
+    # the fields limit jerk as the change of the acceleration from one period to the next
+    jerk = np.diff(accelerations, axis=0, prepend=problem.start[2][None]) / period
     ratio = float((np.abs(jerk) / np.array(problem.joint_limits.jerk)).max())
     return replace(motion, limit_ratios={**motion.limit_ratios, "jerk": ratio})

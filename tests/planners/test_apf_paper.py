@@ -12,8 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM, FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
-from planners.apf.hand_field import joint_rates_single, make_field
-from planners.apf.khatib import NEAREST_SHARE, Gains, gradient_single, make_gains, potential, wall
+from planners.apf.distance_table import DistanceTable
+from planners.apf.hand_field import HandField, hand_velocity_single, joint_rates_single, make_field
+from planners.apf.khatib import NEAREST_SHARE, Gains, make_gains, potential, wall
 from planners.apf.paper import follow_field, plan_paper, posture
 from planners.robot.kinematics import wrap
 from planners.typing import Array
@@ -30,6 +31,12 @@ positions = st.tuples(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2)).map(np.array)
 def problem(*discs: Obstacle, elbow: int = 0, **changes: Any) -> MotionProblem:
     fields = {"q": ARM.inverse_kinematics(START)[elbow], "target": FixedHand(GOAL), "horizon": 8.0, **changes}
     return MotionProblem(arm=fields.pop("arm", ARM), obstacles=discs, **fields)
+
+
+def gradient_at(field: HandField, hand: Array, goal: Array, discs: Array, velocities: Array, radii: Array) -> Array:
+    velocity = np.empty(2)
+    hand_velocity_single(field, hand, np.zeros(2), goal, discs, velocities, radii, velocity)
+    return -velocity
 
 
 def total_potential(gains: Gains, hand: Array, discs: Array, radii: Array) -> float:
@@ -53,13 +60,13 @@ def test_wall_is_the_equation(square: bool) -> None:
 @compiled
 @given(hand=positions, discs=st.lists(positions, max_size=3), radius=st.floats(0.05, 0.3))
 def test_gradient_is_the_slope_of_the_potential(square: bool, hand: Array, discs: list[Array], radius: float) -> None:
-    gains, step = make_gains(2.0, 0.004, 0.3, square), 1e-6
+    field, step = make_field(square=square, distance="static"), 1e-6
+    gains = field.gains
     centers, radii = np.array(discs).reshape(-1, 2), np.full(len(discs), radius)
     distances = np.hypot(*(hand - centers).T) - radii
     kinks = np.array([gains.influence, NEAREST_SHARE * gains.influence, -radius])  # no slope there, or none continuous
     assume(np.abs(distances[:, None] - kinks).min(initial=np.inf) > 1e-3)
-    gradient = np.empty(2)
-    gradient_single(gains, hand, GOAL, centers, radii, np.zeros(len(radii)), gradient)
+    gradient = gradient_at(field, hand, GOAL, centers, np.zeros_like(centers), radii)
     for axis, shift in enumerate(step * np.eye(2)):
         ahead, behind = (total_potential(gains, hand + sign * shift, centers, radii) for sign in (1.0, -1.0))
         assert gradient[axis] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-5)
@@ -74,10 +81,10 @@ def test_the_printed_wall_pushes_at_once_and_khatibs_does_not() -> None:
 
 @pytest.mark.parametrize("square", [True, False])
 def test_a_shift_counts_as_distance(square: bool) -> None:
-    gains, gradient = make_gains(1.0, 0.004, 0.3, square), np.empty(2)
-    center, radii = np.array([[0.0, 0.0]]), np.array([0.1])
-    gradient_single(gains, np.array([0.4, 0.0]), np.array([0.4, 0.0]), center, radii, np.array([-0.15]), gradient)
-    np.testing.assert_allclose(gradient, [wall(gains, 0.15)[1], 0.0], atol=1e-15)
+    field = make_field(square=square, distance=DistanceTable(np.array([[0.0, 0.0], [-0.15, -0.15]]), 1.0))
+    hand, center, radii = np.array([0.4, 0.0]), np.zeros((1, 2)), np.array([0.1])
+    gradient = gradient_at(field, hand, hand, center, np.array([[2.0, 0.0]]), radii)
+    np.testing.assert_allclose(gradient, [wall(field.gains, 0.15)[1], 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["attraction", "repulsion", "influence"])

@@ -1,8 +1,8 @@
-"""Predicts the motion of discs: each takes on a velocity of its own with a first-order lag.
+"""Predicts the motion of discs: each approaches its own target velocity with a first-order lag.
 
-The velocity that a disc is taking on is its present one plus the change still to come, ``lag`` times its acceleration.
-Discs slide along the ring round the base that they do not enter. The velocity observed there says nothing about the one
-they take on, so the last one observed outside is kept.
+The target velocity is the present one plus the remaining change, ``lag`` times the acceleration. Discs slide along the
+ring around the base that they do not enter. The velocity observed there does not show the target velocity, so the last
+one observed outside is kept.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from planners.typing import Array
 
 @njit(cache=True, nogil=True)
 def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
-    """Estimate the velocity that each disc of a row is taking on, and the change still to come.
+    """Estimate the target velocity of each disc of a row, and the remaining change.
 
     Args:
         gains: a record of `DodgeGains`.
-        record: the row's memory; ``begun`` is read, ``disc_velocity`` read and written.
+        record: the row's memory, with ``begun`` and the updated ``disc_velocity``.
         positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
         period: time since the last call, s.
         trends: filled in with velocity and change, ``(discs, 4)``, m/s.
@@ -41,12 +41,12 @@ def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, 
 
 @njit(cache=True, nogil=True)
 def predict_discs(gains: Any, instants: NDArray[Any], positions: Array, trends: Array, places: Array) -> None:
-    """Predict where the discs of one row will be; they stay between `nearest` and `farthest` from the base.
+    """Predict the positions of the discs of one row, between `nearest` and `farthest` from the base.
 
     Args:
         gains: a record of `DodgeGains`.
         instants: of the look-ahead, an array of `planners.apf.dodge.gains.INSTANTS`.
-        positions: of the discs now, ``(discs, 2)``, m from the base.
+        positions: present ones, ``(discs, 2)``, m from the base.
         trends: from `observe_discs`.
         places: filled in, ``(steps, discs, 2)``, m from the base.
     """

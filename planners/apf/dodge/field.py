@@ -70,10 +70,10 @@ def dodge_accelerations(
         memory: from `new_memory`, updated in place.
         period: control period, s.
         tolerance: distance from the goal that counts as reached, m.
-        hold_time: how long the goal has to be held; the episode ends then, and with it every danger, s.
+        hold_time: how long the goal has to be held, s; the simulated episode ends once it has been held.
 
     Returns:
-        ``(batch, 2)``, rad/s^2. A row whose goal no posture within the ranges reaches brakes and evades.
+        ``(batch, 2)``, rad/s^2. A row with its goal out of reach brakes and evades.
 
     Raises:
         ValueError: if shapes do not fit, or the arm does not have two links.
@@ -94,7 +94,7 @@ def dodge_accelerations(
 def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     given = np.ascontiguousarray(array, dtype=float)
     if given.shape != shape:
-        raise ValueError(f"got shape {given.shape} where memory asks for {shape}: (batch, ...), (batch, discs, ...)")
+        raise ValueError(f"got shape {given.shape} where memory has {shape}: (batch, ...), (batch, discs, ...)")
     return given
 
 
@@ -158,7 +158,7 @@ def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state
 
 @njit(cache=True, nogil=True)
 def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
-    """Take the quicker elbow when an episode begins, and set the handicaps of both."""
+    """Take the elbow of least time when an episode begins, and set the handicaps of both."""
     if not record.begun:
         record.elbow, least = 0, np.inf
         for branch in range(2):

@@ -19,9 +19,9 @@ STEP = 0.05
 """Time step of the look-ahead, s."""
 
 INSTANTS = [("travel", "f8"), ("settling", "f8"), ("margin", "f8"), ("closeness", "f8"), ("collision", "f8")]
-"""The instants of the look-ahead, `STEP` apart: the time for which a disc's velocity acts since the last instant, less
-than `STEP` as confidence fades, s; the time for which the change of its velocity is still missing, s (see
-`planners.apf.dodge.discs`); wanted clearance, m; cost of a metre less, s/m; cost of a collision, s."""
+"""The instants of the look-ahead, `STEP` apart: time for which a disc's velocity acts since the last instant, less than
+`STEP` as it decays, s; time for which the change of its velocity is still missing, s (see `planners.apf.dodge.discs`);
+wanted clearance, m; cost of a metre less, s/m; cost of a collision, s."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,18 @@ class DodgeGains:
         margin, margin_growth: wanted clearance now, m, and its growth with the time ahead, m/s.
         closeness, closeness_memory: cost of a metre less for a second, 1/m, and its decay with the time ahead, s.
         collision, collision_memory: cost of a collision, s, and its decay with the time ahead, s.
-        success: worth of holding the goal long enough within the horizon, s.
+        success: reward of holding the goal long enough within the horizon, s.
         evade: strength of every well but the goal's, as a share of the acceleration limits.
         push, push_elbow: displacement of wells in the first joint, rad, and its factor in the second.
         detour: duration of a detour, s.
-        constancy: worth of continuing the last detour, s.
-        elbow: advantage that the other elbow needs, s.
+        constancy: reward of continuing the last detour, s.
+        elbow: least advantage of the other elbow for a change, s.
         retreat: swing of the first joint in a retreat, rad.
-        corner, corner_reach, corner_room: cost of being cornered by a disc at `nearest`, s; the distance of a disc from
-            the base up to which it corners, m; the room of the first joint below which this counts, rad.
-        lag: time constant with which discs take on a velocity, s.
-        confidence: time constant with which the believed velocity of a disc decays, s.
+        corner, corner_reach, corner_room: cost of a first joint blocked between its range limit and a disc at
+            `nearest`, s; largest distance of such a disc from the base, m; distance to the range limit below which it
+            counts, rad.
+        lag: time constant of the discs' changes of velocity, s.
+        confidence: time constant with which the predicted velocity of a disc decays, s.
         nearest, farthest: least and largest distance of discs from the base, m.
     """
 

@@ -1,8 +1,8 @@
-"""Simulates what a proposed well leads to among the predicted discs.
+"""Simulates the motion to a proposed well among the predicted discs, and computes its cost.
 
-The joints move as double integrators with all their limits past the predicted discs, at most until the goal has been
-held long enough. The cost is the time to the goal plus a risk: the clearance that the margin lacks, which grows with
-the time ahead as the prediction gets worse, and a collision, which counts less the later it is.
+The joints move as double integrators with all their limits, at most until the goal has been held long enough. The cost
+is the time to the goal plus a risk: the clearance below the margin, which grows with the time ahead, and a collision.
+The weights of both decay with the time ahead.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from planners.typing import Array
 
 RATE = 1.0 / STEP
 
-GLANCE = 6
+CHECK_EVERY = 6
 """Steps between early-termination checks."""
 
 TOUCHING = 0.004
@@ -39,21 +39,16 @@ STATE = [
     ("handicaps", "f8", (2,)),
 ]
 """State and goal of a row: joint angles and velocities; directions of the links; the goal, m from the base, and its
-tolerance, m; for how long it has been held and has to be held, s; its two elbow postures, rad, and the handicap of
+tolerance, m; times for which it has been held and has to be held, s; its two elbow postures, rad, and the handicap of
 each, s, infinite if the posture is impossible."""
 
 NEVER = 1 << 30
-"""Steps of a well that attracts for good."""
+"""Steps of a well that attracts until the end of the look-ahead."""
 
 
 class Proposal(NamedTuple):
-    """A well that attracts for some steps, followed by that of the goal.
-
-    Attributes:
-        q1, q2: bottom of the well, rad.
-        share: its strength, as a share of the acceleration limits.
-        steps: how long it attracts.
-        elbow: posture at the goal that follows.
+    """A well at ``q1``, ``q2`` (rad), of a strength that is a ``share`` of the acceleration limits, for some ``steps``,
+    followed by that of the goal's posture with an ``elbow``.
     """
 
     q1: float
@@ -64,14 +59,7 @@ class Proposal(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """What a proposal leads to.
-
-    Attributes:
-        cost: s.
-        slack: least clearance beyond the margin, m.
-        step: of that instant.
-        q1, q2: joint angles at that instant, rad.
-    """
+    """Cost of a proposal, s; least clearance beyond the margin, m; step and joint angles (rad) of that instant."""
 
     cost: float
     slack: float
@@ -81,15 +69,8 @@ class Outlook(NamedTuple):
 
 
 class DodgeScene(NamedTuple):
-    """What the look-ahead of one row is computed from.
-
-    Attributes:
-        body: a record of `whole_arm.BODY`.
-        gains: a record of `DodgeGains`.
-        state: a record of `STATE`.
-        instants: an array of `planners.apf.dodge.gains.INSTANTS`, ``(steps,)``.
-        places: predicted ones of the discs, ``(steps, discs, 2)``, m from the base.
-        radii: of the discs, ``(discs,)``, m.
+    """One row: records of `whole_arm.BODY`, `DodgeGains` and `STATE`, an array of `planners.apf.dodge.gains.INSTANTS`,
+    predicted positions of the discs, ``(steps, discs, 2)``, m from the base, and their radii, ``(discs,)``, m.
     """
 
     body: Any
@@ -115,7 +96,7 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
     cost, slack, worst, worst1, worst2 = 0.0, np.inf, 0, q1, q2
     n_steps, n_discs = places.shape[0], places.shape[1]
     for step in range(n_steps):
-        # The joints in the next well that attracts them.
+        # motion of the joints in the present well
         if step == proposal.steps:
             well1, well2 = state.postures[proposal.elbow, 0], state.postures[proposal.elbow, 1]
             strength1, strength2 = body.cruise[0], body.cruise[1]
@@ -125,7 +106,7 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
         q1, q2, v1, v2 = q1 + turn1, q2 + turn2, v1 + STEP * a1, v2 + STEP * a2
         c1, s1 = _turned(c1, s1, turn1)
         c2, s2 = _turned(c2, s2, turn1 + turn2)
-        # Clearance from the nearest disc, and what it costs.
+        # clearance from the nearest disc, and its cost
         clearance = np.inf
         for disc in range(n_discs):
             distance = gap(l1, l2, c1, s1, c2, s2, places[step, disc, 0], places[step, disc, 1])
@@ -142,14 +123,14 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
                 break
             if cost > enough:
                 return Outlook(cost, slack, worst, worst1, worst2)
-        # Success once the goal has been held.
+        # success once the goal has been held
         dx, dy = l1 * c1 + l2 * c2 - goal_x, l1 * s1 + l2 * s2 - goal_y
         held = held + STEP if dx * dx + dy * dy < near else 0.0
         if held >= state.need:
             cost += STEP * (step + 1 - n_steps) - gains.success
             return Outlook(cost, slack, worst, worst1, worst2)
-        # Early termination: even the least time to the goal costs too much.
-        if step % GLANCE == GLANCE - 1 and enough < np.inf:
+        # early termination: even the least time to the goal costs too much
+        if step % CHECK_EVERY == CHECK_EVERY - 1 and enough < np.inf:
             late = STEP * (step + 1 - n_steps) + to_go(body, state, q1, q2, v1, v2)
             if late + state.need < 0.0:
                 late += state.need - gains.success
@@ -182,14 +163,9 @@ def _turned(c: float, s: float, angle: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def _cornered(body: Any, gains: Any, q1: float, side: float, away: float) -> float:
-    """Cost of being between a disc and the end of the first joint's range, s: a disc close to the base blocks the way.
+    """Cost of a first joint at ``q1`` (rad) between the end of its range and a disc that blocks it, s.
 
-    Args:
-        body: a record of `whole_arm.BODY`.
-        gains: a record of `DodgeGains`.
-        q1: angle of the first joint, rad.
-        side: positive where the disc is on the side of smaller angles.
-        away: distance of the disc from the base, m.
+    ``side`` is positive where the disc is on the side of smaller angles, ``away`` its distance from the base, m.
     """
     room = body.ranges[0] - q1 if side > 0.0 else body.ranges[0] + q1
     inside = max(0.0, (gains.corner_reach - away) / (gains.corner_reach - gains.nearest))

@@ -1,10 +1,10 @@
 """The wells that the field proposes where the straight motion to the goal is predicted to come too close to a disc.
 
-These are the goal's other elbow posture; as detours, the last one again, the place where the arm comes to rest, and
-wells displaced from there along the repulsion, against it, and along the circulation in either sense, which is round
-the disc in front of it and behind it; for good, staying at rest and retreats to a folded arm. The one of least cost
-according to :func:`planners.apf.dodge.look_ahead.look_ahead` is taken, which leads out of the local minima of a sum of
-forces.
+These are the goal's other elbow posture; as detours, the last one again, the posture in which the arm comes to rest,
+and wells displaced from there along the repulsion, against it, and along the circulation in either sense, that is,
+passing the disc in front or behind; and, kept until the end of the look-ahead, staying at rest and retreats to a folded
+arm. The one of least cost (:func:`planners.apf.dodge.look_ahead.look_ahead`) is taken, which leads out of the local
+minima of a sum of forces.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     gains, goals = scene.gains, scene.state.postures
     elbow, other = record.elbow, 1 - record.elbow
     was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
-    # Straight to the goal, if that keeps the margin; else with the other elbow.
+    # straight to the goal, if that keeps the margin; else with the other elbow
     outlook = look_ahead(scene, _straight(goals, elbow), np.inf)
     _take(record, goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, False)
     record.decided = True
@@ -48,7 +48,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
         if cost < least:
             least, record.elbow = cost, other
             _take(record, goals[other, 0], goals[other, 1], CRUISE_SHARE, False)
-    # Detours: the last one, to rest, and round the disc.
+    # detours: the last one, to rest, and around the disc
     rest1, rest2, push1, push2 = _rest_and_push(scene, outlook)
     briefly = round(gains.detour / STEP)
     if was_detour:
@@ -58,7 +58,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
         well1 = rest1 + gains.push * (along * push1 - across * push2)
         well2 = rest2 + gains.push * gains.push_elbow * (across * push1 + along * push2)
         least = _try_well(scene, record, Proposal(well1, well2, gains.evade, briefly, elbow), least, 0.0)
-    # For good: retreats, and to rest.
+    # until the end of the look-ahead: retreats, and to rest
     for swing in range(-1, 2):
         for fold in (-FOLDED, FOLDED):
             well1, well2 = rest1 + swing * gains.retreat, fold * scene.body.ranges[1]
@@ -69,7 +69,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
 @njit(cache=True, nogil=True)
 def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
     """Take a well if its cost, less its bonus, is below the least so far; the least cost after that."""
-    # A well that attracts for good costs at least the time of the way back.
+    # a well without an end costs at least the time from there to the goal
     if wanted.steps == NEVER and to_go(scene.body, scene.state, wanted.q1, wanted.q2, 0.0, 0.0) > least:
         return least
     end1, end2 = scene.body.ranges[0] - WELL_MARGIN, scene.body.ranges[1] - WELL_MARGIN
@@ -95,10 +95,10 @@ def _take(record: Any, well1: float, well2: float, share: float, detour: bool) -
 
 @njit(cache=True, nogil=True)
 def _rest_and_push(scene: DodgeScene, outlook: Outlook) -> tuple[float, float, float, float]:
-    """Where the joints come to rest if they brake, and the direction of the repulsion, both in joint space.
+    """Joint angles of rest after braking, rad, and the direction of the repulsion in joint space.
 
-    The repulsion is that of the disc that comes closest on the straight way, where and when it does. Its direction is
-    a unit vector if the second joint is measured in units of ``push_elbow``.
+    The repulsion is that of the disc that comes closest on the straight path, at that instant; its direction is a unit
+    vector with the second joint in units of ``push_elbow``.
     """
     body, state, gains = scene.body, scene.state, scene.gains
     rest1 = state.q[0] + 0.5 * state.qd[0] * abs(state.qd[0]) / (gains.evade * body.hardest[0])

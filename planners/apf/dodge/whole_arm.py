@@ -1,7 +1,7 @@
 """The two-link arm for compiled code: attraction and repulsion of the whole arm, and the limits of its joints.
 
-* Attraction: a conic well around a posture. Its force is limited, and so is the velocity it may build up: to what can
-  be braked on the remaining way (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986).
+* Attraction: a conic well around a posture, with limited force, and velocity limited to what can be braked on the
+  remaining distance (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986).
 * Repulsion: away from a disc at the point of the arm that is closest to it, mapped to the joints by the transposed
   Jacobian of that point (Khatib's FIRAS applied to every link).
 * Circulation, at right angles to the repulsion (L. Singh, H. Stephanou, J. Wen, "Real-time robot motion control with
@@ -22,13 +22,13 @@ from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
 BRAKING_SHARE = 0.85
-"""Share of the strength of a well that its braking counts on."""
+"""Share of the strength of a well that is used for braking."""
 
 APPROACH = 0.8
 """Share of the remaining distance that a joint covers in a period close to the bottom of a well."""
 
 CRUISE_SHARE = 0.5
-"""Share of the acceleration limits that the way to the goal uses: the other half is for evading."""
+"""Share of the acceleration limits for the motion to the goal: the other half is for evading."""
 
 BODY = [
     ("lengths", "f8", (2,)),
@@ -97,9 +97,9 @@ def _rest_time(error: float, v: float, top: float, a: float) -> float:
     run_up = 0.5 * v * v * per_a
     if v > 0.0 and error < run_up:  # it overshoots, and returns from where it stops
         error, run_up, v = run_up - error, 0.0, -v
-    way = error + run_up
-    cruising = way * a > top * top
-    return (way / top + top * per_a if cruising else 2.0 * math.sqrt(way * per_a)) - v * per_a
+    distance = error + run_up
+    cruising = distance * a > top * top
+    return (distance / top + top * per_a if cruising else 2.0 * math.sqrt(distance * per_a)) - v * per_a
 
 
 @njit(cache=True, nogil=True)
