@@ -84,12 +84,8 @@ def braking_distance(v: float, a: float, braking: tuple[float, float], jerk: flo
     """Signed distance of the stop in least time, m; it grows with ``v`` and with ``a``.
 
     The acceleration goes at full jerk to ``-p``, stays there, and goes back to zero together with the velocity;
-    without a limit of the acceleration ``p^2 = jerk v + a^2 / 2``.
-
-    Args:
-        v, a: velocity and acceleration at the start, m/s and m/s^2.
-        braking: lowest and highest acceleration, negative and positive, m/s^2.
-        jerk: largest jerk; may be infinite, m/s^3.
+    without a limit of the acceleration ``p^2 = jerk v + a^2 / 2``. ``v`` and ``a`` are velocity and acceleration at the
+    start, ``braking`` and ``jerk`` (may be infinite) as in `attraction`.
     """
     if math.isinf(jerk):
         return 0.5 * v * abs(v) / (-braking[0] if v > 0.0 else braking[1])

@@ -97,13 +97,8 @@ def hand_velocity_single(
 ) -> None:
     """Velocity (m/s) of the field at one hand, written to ``velocity``, ``(2,)``: down the gradient (eq 2, 16).
 
-    Args:
-        field: of :func:`make_field`.
-        hand, hand_velocity: present position and velocity, ``(2,)``.
-        goal: ``(2,)``, m.
-        positions, velocities: of the discs, ``(k, 2)``.
-        radii: of the discs plus that of the hand, ``(k,)``.
-        velocity: the result.
+    ``hand`` and ``hand_velocity`` are those of the hand, ``(2,)``, ``positions`` and ``velocities`` of the discs,
+    ``(k, 2)``, m and m/s; ``radii``, ``(k,)``, m, include that of the hand.
     """
     for axis in range(2):
         velocity[axis] = field.gains.attraction * (hand[axis] - goal[axis])

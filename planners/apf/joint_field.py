@@ -73,12 +73,8 @@ def least_acceleration(error: float, speed: float, periods: float, period: float
     """Braking acceleration of one joint, held for the next period, in its exact form for sampled motions.
 
     Of all sequences of accelerations, each held for a period T, that bring a joint to rest at the goal in N periods,
-    the one with the least sum of squares begins with ``6 e / (N (N + 1) T^2) - (4 N + 1) qd / (N (N + 1) T)``.
-
-    Args:
-        error, speed: e, rad, and qd, rad/s.
-        periods: N; with a single one left the joint can only stop.
-        period: T, s.
+    the one with the least sum of squares begins with ``6 e / (N (N + 1) T^2) - (4 N + 1) qd / (N (N + 1) T)``, with the
+    ``error`` e, rad, and the ``speed`` qd, rad/s. With a single period left the joint can only stop.
     """
     if periods < 1.5:
         return -speed / period

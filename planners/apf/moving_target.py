@@ -100,7 +100,7 @@ def approach(
         ValueError: if the arm does not have two links, or period or bandwidth are not positive.
     """
     if arm.n_joints != 2:
-        raise ValueError(f"{arm.name} has {arm.n_joints} links; the hand's field is written for arms with two")
+        raise ValueError(f"{arm.name} has {arm.n_joints} links; the field of the hand is for arms with two")
     bandwidth = BANDWIDTH / period if bandwidth is None and period > 0.0 else bandwidth
     if not (period > 0.0 and bandwidth is not None and bandwidth > 0.0):
         raise ValueError(f"period {period} s and bandwidth {bandwidth} rad/s must be positive")

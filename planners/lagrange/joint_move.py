@@ -106,14 +106,14 @@ class Minimum:
     unknowns: Array
     feasible: bool
 
-    def seen_on(self, basis: Basis) -> Array:
+    def at(self, basis: Basis) -> Array:
         """Joint angles and their derivatives at the instants of a basis of the same functions, ``(4, points, n)``."""
         return motion(transcribe(basis, self.move.ends, self.move.duration), self.unknowns)
 
     def index(self, objective: Objective, basis: Basis | None = None) -> float:
         """The index at the instants of its own or another basis of the same functions, SI units."""
         basis = basis or self.basis
-        q, qd, qdd, _ = self.seen_on(basis)
+        q, qd, qdd, _ = self.at(basis)
         tau = self.move.arm.inverse_dynamics(q, qd, qdd)
         return float(basis.weights @ torque_rate(tau, objective)) * self.move.duration
 

@@ -71,8 +71,8 @@ class Fit(NamedTuple):
     @property
     def curve(self) -> Curve:
         """The motion as a start for another search."""
-        s, q = self.samples.s, self.minimum.seen_on(self.samples)[0]
-        return lambda at: np.stack([np.interp(at, s, angles) for angles in q.T], axis=1)
+        s, q = self.samples.s, self.minimum.at(self.samples)[0]
+        return lambda instants: np.stack([np.interp(instants, s, angles) for angles in q.T], axis=1)
 
 
 class Bases(NamedTuple):
@@ -154,7 +154,7 @@ def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None
     if index.objective == "PI2":
         return solutions
     return [
-        minimise(move, solution.basis, solution.seen_on(solution.basis)[0], index, COARSE_AGAIN)
+        minimise(move, solution.basis, solution.at(solution.basis)[0], index, COARSE_AGAIN)
         for solution in _best(solutions, index.objective)
     ]
 
@@ -174,7 +174,7 @@ def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
         lagrange_basis(degree, clamp, DENSE_POINTS),
         lagrange_basis(degree, clamp, SAMPLES, uniform=True),
     )
-    start = solution.seen_on(lagrange_basis(COARSE_DEGREE, clamp, points))[0]
+    start = solution.at(lagrange_basis(COARSE_DEGREE, clamp, points))[0]
     return _within_limits(move, bases, start, index, (REFINE, REPAIR))
 
 
@@ -196,13 +196,13 @@ def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, effort
         if not minimum.feasible:
             return None
         tightening *= np.where(loads > allowed, (1.0 - BACK_OFF) * allowed / np.maximum(loads, allowed), 1.0)
-        start, effort = minimum.seen_on(bases.search)[0], efforts[1]
+        start, effort = minimum.at(bases.search)[0], efforts[1]
     return None
 
 
 def _loads(minimum: Minimum, basis: Basis) -> Array:
     """Worst |value| / limit of every kind at the instants of a basis of the same functions, ``(5,)``."""
-    q, qd, qdd, jerk = minimum.seen_on(basis)
+    q, qd, qdd, jerk = minimum.at(basis)
     values = np.stack([minimum.move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q])
     loads: Array = np.max(np.abs(values) / minimum.move.limit_table[:, None], axis=(1, 2))
     return loads

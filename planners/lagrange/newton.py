@@ -19,7 +19,7 @@ class TorqueTask(NamedTuple):
     Attributes:
         coupling, weight: constants of the arm's dynamics.
         orders, joints: order of derivative (-1 for torque) and joint that each limit bounds, ``(limits,)``.
-        inverse_limits: 1 / limit at every instant, 0 where it does not count, ``(points, limits)``.
+        inverse_limits: 1 / limit at every instant, 0 where it is not applied, ``(points, limits)``.
         power, unit: power of |tau| in the integrand, 1 or 2, and torque that counts as 1, N m.
     """
 

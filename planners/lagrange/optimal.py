@@ -23,7 +23,6 @@ from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
-from planners.typing import Array
 from planners.variants import require_choice
 
 NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
@@ -109,7 +108,8 @@ def plan_optimal(
     start = np.stack(problem.start)
     move = JointMove(problem.loaded_arm, problem.joint_limits, Ends(start, start), problem.horizon, clamp)
     _require_within_limits(move, 0, "start", 1.0 + START_TOLERANCE)
-    settings = Settings(objective, nodes - 1, polish, _curve(guess) if guess else None, explain)
+    curve = None if guess is None else (lambda s: guess.at(s * guess.duration)[0])
+    settings = Settings(objective, nodes - 1, polish, curve, explain)
     if isinstance(problem.target, MovingHand):
         return _plan_rendezvous(problem, problem.target, move, elbow, rendezvous_time, settings)
     return _plan_to_rest(problem, problem.target, move, elbow, settings)
@@ -220,7 +220,7 @@ def _too_late(time: float, minimum: float) -> Infeasible:
 
 def _sample(fit: Fit) -> Motion:
     """A fit at equally spaced instants."""
-    q, qd, qdd, jerk = fit.minimum.seen_on(fit.samples)
+    q, qd, qdd, jerk = fit.minimum.at(fit.samples)
     move = fit.minimum.move
     return Motion(fit.samples.s * move.duration, q, move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk)
 
@@ -229,12 +229,3 @@ def _with_cost(trajectory: Trajectory, settings: Settings) -> Trajectory:
     cost = float(np.trapezoid(torque_rate(trajectory.tau, settings.objective), trajectory.t))
     name = f"{_PLANNER}, polished" if settings.polish else _PLANNER
     return replace(trajectory, cost=cost, planner=name)
-
-
-def _curve(guess: Trajectory) -> Curve:
-    """A trajectory as a start of the search."""
-
-    def angles(s: Array) -> Array:
-        return guess.at(s * guess.duration)[0]
-
-    return angles

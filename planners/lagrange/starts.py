@@ -15,7 +15,7 @@ FOLD, SWING = 2.0, 1.0
 INSIDE = 0.95
 """Share of the joint ranges that the starts use."""
 
-HOPELESS = 2.0
+FASTEST_DETOUR = 2.0
 """Starts whose detour alone needs more than this multiple of the velocity limit are left out."""
 
 
@@ -27,8 +27,8 @@ def start_curves(move: JointMove) -> list[Curve]:
     patterns = [SWING * (1.0 - outer), *(FOLD * pattern for pattern in (alternating, outer)[: n - 1])]
     detours = [side * pattern for pattern in patterns for side in (1.0, -1.0)]
     # the fastest part of a detour takes about a third of the time
-    swift = HOPELESS * np.array(move.limits.velocity) * move.duration / 3.0
-    possible = [detour for detour in detours if (np.abs(detour) <= swift).all()]
+    longest = FASTEST_DETOUR * np.array(move.limits.velocity) * move.duration / 3.0
+    possible = [detour for detour in detours if (np.abs(detour) <= longest).all()]
     return [
         move.quintic,
         partial(_curve, move, np.zeros(n), -outer),

@@ -21,8 +21,7 @@ def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, 
     """Estimate the target velocity of each disc of a row, and the remaining change.
 
     Args:
-        gains: a record of `DodgeGains`.
-        record: the row's memory, with ``begun`` and the updated ``disc_velocity``.
+        gains, record: of `DodgeGains`, and the row's memory, whose ``disc_velocity`` is updated.
         positions, velocities: of the discs, ``(discs, 2)``, m from the base and m/s.
         period: time since the last call, s.
         trends: filled in with velocity and change, ``(discs, 4)``, m/s.
@@ -43,12 +42,8 @@ def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, 
 def predict_discs(gains: Any, instants: NDArray[Any], positions: Array, trends: Array, places: Array) -> None:
     """Predict the positions of the discs of one row, between `nearest` and `farthest` from the base.
 
-    Args:
-        gains: a record of `DodgeGains`.
-        instants: of the look-ahead, an array of `planners.apf.dodge.gains.INSTANTS`.
-        positions: present ones, ``(discs, 2)``, m from the base.
-        trends: from `observe_discs`.
-        places: filled in, ``(steps, discs, 2)``, m from the base.
+    ``instants`` are an array of `planners.apf.dodge.gains.INSTANTS`, ``trends`` are from `observe_discs`; the present
+    ``positions``, ``(discs, 2)``, and the predicted ``places``, ``(steps, discs, 2)``, are m from the base.
     """
     inner, outer = gains.nearest * gains.nearest, gains.farthest * gains.farthest
     for disc in range(positions.shape[0]):

@@ -18,7 +18,6 @@ from numba import njit
 from planners.apf.dodge.gains import STEP
 from planners.apf.dodge.look_ahead import NEVER, DodgeScene, Outlook, Proposal, look_ahead, to_go
 from planners.apf.dodge.whole_arm import CRUISE_SHARE, repulsion
-from planners.typing import Array
 
 COMPASS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of displaced wells: shares along the repulsion and along the circulation."""
@@ -37,17 +36,19 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     elbow, other = record.elbow, 1 - record.elbow
     was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
     # straight to the goal, if that keeps the margin; else with the other elbow
-    outlook = look_ahead(scene, _straight(goals, elbow), np.inf)
-    _take(record, goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, False)
+    straight = Proposal(goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, NEVER, elbow)
+    outlook = look_ahead(scene, straight, np.inf)
+    _take(record, straight, False)
     record.decided = True
     if outlook.slack >= 0.0:
         return
     least = outlook.cost
     if scene.state.handicaps[other] < np.inf:
-        cost = look_ahead(scene, _straight(goals, other), least).cost
+        straight = Proposal(goals[other, 0], goals[other, 1], CRUISE_SHARE, NEVER, other)
+        cost = look_ahead(scene, straight, least).cost
         if cost < least:
-            least, record.elbow = cost, other
-            _take(record, goals[other, 0], goals[other, 1], CRUISE_SHARE, False)
+            least = cost
+            _take(record, straight, False)
     # detours: the last one, to rest, and around the disc
     rest1, rest2, push1, push2 = _rest_and_push(scene, outlook)
     briefly = round(gains.detour / STEP)
@@ -78,19 +79,14 @@ def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bo
     cost = look_ahead(scene, proposal, least + bonus).cost - bonus
     if cost >= least:
         return least
-    record.elbow = proposal.elbow
-    _take(record, well1, well2, proposal.share, True)
+    _take(record, proposal, True)
     return cost
 
 
 @njit(cache=True, nogil=True)
-def _straight(goals: Array, elbow: int) -> Proposal:
-    return Proposal(goals[elbow, 0], goals[elbow, 1], CRUISE_SHARE, NEVER, elbow)
-
-
-@njit(cache=True, nogil=True)
-def _take(record: Any, well1: float, well2: float, share: float, detour: bool) -> None:
-    record.well[0], record.well[1], record.share, record.detour = well1, well2, share, detour
+def _take(record: Any, proposal: Proposal, detour: bool) -> None:
+    record.well[0], record.well[1], record.share = proposal.q1, proposal.q2, proposal.share
+    record.elbow, record.detour = proposal.elbow, detour
 
 
 @njit(cache=True, nogil=True)

@@ -112,6 +112,15 @@ class Scratch(NamedTuple):
     hit: Array
 
 
+class Search(NamedTuple):
+    """What every candidate is rated with."""
+
+    situation: Situation
+    options: Options
+    ends: Stops
+    scratch: Scratch
+
+
 class Found(NamedTuple):
     """The best candidate: its cost, s, the index of its end, -1 if there is none, and its duration, s."""
 
@@ -129,6 +138,7 @@ def search(situation: Situation, options: Options, ends: Stops, patterns: Array,
     """
     n = situation.q.shape[0]
     scratch = Scratch(np.empty((n, DEGREE + 1)), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(1))
+    context = Search(situation, options, ends, scratch)
     best = Found(np.inf, -1, np.nan)
     tried = np.empty((2, n))
     for e in range(ends.q.shape[0]):
@@ -139,22 +149,22 @@ def search(situation: Situation, options: Options, ends: Stops, patterns: Array,
                 tried[1] = patterns[p, 1] + pace * (ends.q[e] - situation.q)
                 duration = ends.soonest[e]
                 for _ in range(DURATIONS * (FINER if straight else 1)):
-                    cost = rate(situation, options, ends, e, tried, duration, best.cost, scratch)
+                    cost = rate(context, e, tried, duration, best.cost)
                     if cost < best.cost:
                         best = Found(cost, e, duration)
                         via[:] = tried
                     duration *= STRETCH ** (1.0 / FINER) if straight else STRETCH
-    return _refine(situation, options, ends, via, best, scratch) if best.end >= 0 else best
+    return _refine(context, via, best) if best.end >= 0 else best
 
 
 @njit(cache=True, nogil=True)
-def _refine(situation: Situation, options: Options, ends: Stops, via: Array, best: Found, scratch: Scratch) -> Found:
+def _refine(context: Search, via: Array, best: Found) -> Found:
     """Coordinate search with shrinking strides over via-nodes and duration."""
     cost, e, duration = best
     stride = STRIDE
     for _ in range(ROUNDS):
         for other in (duration * math.exp(-0.5 * stride), duration * math.exp(0.5 * stride)):
-            tried = rate(situation, options, ends, e, via, other, cost, scratch)
+            tried = rate(context, e, via, other, cost)
             if tried < cost:
                 cost, duration = tried, other
                 break
@@ -163,7 +173,7 @@ def _refine(situation: Situation, options: Options, ends: Stops, via: Array, bes
                 middle = via[node, i]
                 for there in (middle - stride, middle + stride):
                     via[node, i] = there
-                    tried = rate(situation, options, ends, e, via, duration, cost, scratch)
+                    tried = rate(context, e, via, duration, cost)
                     if tried < cost:
                         cost, middle = tried, there
                         break
@@ -173,24 +183,16 @@ def _refine(situation: Situation, options: Options, ends: Stops, via: Array, bes
 
 
 @njit(cache=True, nogil=True)
-def rate(
-    situation: Situation,
-    options: Options,
-    ends: Stops,
-    e: int,
-    via: Array,
-    duration: float,
-    best: float,
-    scratch: Scratch,
-) -> float:
-    """Cost of a candidate, s; infinite if it breaks a limit or is not below ``best``."""
+def rate(context: Search, e: int, via: Array, duration: float, best: float) -> float:
+    """Cost of a candidate with end number ``e``, s; infinite if it breaks a limit or is not below ``best``."""
+    situation, _, ends, scratch = context
     cost = duration + ends.due[e]
     if duration > situation.horizon or cost >= best:
         return np.inf
     interpolate(situation.q, situation.qd, ends.q[e], via, duration, scratch.c)
     if not _keeps_limits(situation, scratch.c, duration):
         return np.inf
-    cost += _danger(situation, options, scratch, duration, duration + ends.hold[e], best - cost)
+    cost += _danger(context, duration, duration + ends.hold[e], best - cost)
     if cost >= best:
         return np.inf
     return float(cost + EFFORT * duration * _load(situation, scratch, duration))
@@ -218,19 +220,18 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _danger(
-    situation: Situation, options: Options, scratch: Scratch, duration: float, until: float, best: float
-) -> float:
+def _danger(context: Search, duration: float, until: float, best: float) -> float:
     """Cost of coming close to discs until some time or the end of their prediction, exact where below ``best``."""
+    options, scratch = context.options, context.scratch
     last = min(until, options.prediction)
     # Where one candidate touches a disc, the next often does too: check that time first.
     hit = float(scratch.hit[0])
     touching = CONTACT * (1.0 + options.prediction - hit)
-    if hit <= last and touching >= best and _gap(situation, options, scratch, duration, hit) < TOUCHING:
+    if hit <= last and touching >= best and _gap(context, duration, hit) < TOUCHING:
         return touching
     cost = t = 0.0
     while cost < best:
-        gap = _gap(situation, options, scratch, duration, t)
+        gap = _gap(context, duration, t)
         if gap < TOUCHING:
             scratch.hit[0] = t
             return CONTACT * (1.0 + options.prediction - t)
@@ -246,11 +247,12 @@ def _danger(
 
 
 @njit(cache=True, nogil=True)
-def _gap(situation: Situation, options: Options, scratch: Scratch, duration: float, t: float) -> float:
+def _gap(context: Search, duration: float, t: float) -> float:
     """Least clearance from the predicted discs at time ``t``, s, also after the end, m.
 
     Discs move straight, and slide around the circle of ``keep_out`` about the base.
     """
+    situation, options, _, scratch = context
     s, q, nearest = min(1.0, t / duration), scratch.q, np.inf
     for i in range(q.shape[0]):
         q[i] = angle_at(scratch.c[i], s)
