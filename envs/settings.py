@@ -17,7 +17,6 @@ _UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
 """A unit at the end of the first clause of a description, as in "time of one step, s; ..."."""
 _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", type(None): "null", Any: "value"}
-_RECORD_CODES: dict[Any, str] = {float: "f8", int: "i8", bool: "?"}
 
 
 class Settings(BaseModel):
@@ -53,11 +52,10 @@ class Settings(BaseModel):
         except ValidationError as error:
             raise ValueError(f"{what}: " + "; ".join(map(_complaint, error.errors()))) from None
 
-    @classmethod
-    def record_fields(cls) -> list[tuple[str, str]]:
-        """Name and NumPy type of every field that is a number or a bool: what compiled code can read."""
-        fields = cls.model_fields.items()
-        return [(name, _RECORD_CODES[field.annotation]) for name, field in fields if field.annotation in _RECORD_CODES]
+    def numbers(self) -> dict[str, Any]:
+        """The fields that are numbers or bools, by name: what compiled code can read."""
+        kinds = {name: field.annotation for name, field in type(self).model_fields.items()}
+        return {name: getattr(self, name) for name, kind in kinds.items() if kind in (float, int, bool)}
 
     @classmethod
     def descriptions(cls) -> dict[str, str]:

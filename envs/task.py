@@ -18,11 +18,10 @@ from envs.observation import Layout, Observation
 from envs.physics.actuation import (
     LIMIT_KINDS,
     ControlMode,
+    actuation_constants,
     actuation_env_fields,
-    actuation_model_fields,
-    fill_actuation,
 )
-from envs.physics.world import World, arm_fields, body_fields
+from envs.physics.world import World, arm_constants, arm_fields, model_record, whole_multiple
 from envs.rendering import Scene
 from envs.settings import Settings
 from planners import Arm, MotionProblem
@@ -86,7 +85,7 @@ class Task(ABC):
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
         arm: the robot as a policy knows it, without its payload.
         batch: one record per environment.
-        model: array of one record; it holds the numbers of the configuration under their names.
+        model: array of one record: the numbers of the configuration, and the ``constants`` given to the constructor.
     """
 
     env_id: ClassVar[str]
@@ -99,12 +98,14 @@ class Task(ABC):
     gauges: ClassVar[tuple[str, ...]]
     view: ClassVar[tuple[float, float, float, float]]
 
-    def __init__(self, config: TaskSettings, arm: Arm, num_envs: int, env_fields: Fields, model_fields: Fields) -> None:
+    def __init__(
+        self, config: TaskSettings, arm: Arm, num_envs: int, env_fields: Fields, constants: Mapping[str, Any]
+    ) -> None:
         n, observed = arm.n_joints, self.layout.size
         self.config = config
         self.arm = arm
         self.num_envs = num_envs
-        self.horizon_steps = self._whole_periods("horizon", config.horizon)
+        self.horizon_steps = whole_periods(config, "horizon", config.horizon)
         common: Fields = [
             ("action", "f8", (self.action_size(config, arm),)),
             ("seen", self.layout.record),
@@ -116,26 +117,21 @@ class Task(ABC):
             ("success", "?"),
             ("step", "i8"),
         ]
-        shared: Fields = [("scales", "f8", (observed,)), ("bounds", "f8", (observed,)), ("horizon_steps", "i8")]
-        shared += body_fields(n) + actuation_model_fields(n) + model_fields
-        settings = config.record_fields()
-        shared += [field for field in settings if field[0] not in {name for name, *_ in shared}]
-        self.batch = np.zeros(
-            num_envs, np.dtype(common + arm_fields(n) + actuation_env_fields(n) + env_fields, align=True)
+        fields = common + arm_fields(n) + actuation_env_fields(n) + env_fields
+        self.batch = np.zeros(num_envs, np.dtype(fields, align=True))
+        loaded = arm.with_payload(config.payload)
+        self.model = model_record(
+            {
+                "scales": self.layout.scales,
+                "bounds": self.layout.bounds,
+                "horizon_steps": self.horizon_steps,
+                **config.numbers(),
+                **arm_constants(loaded, config.control_period, config.physics_step),
+                **actuation_constants(arm, self.actuation_mode(config)),
+                **constants,
+            }
         )
-        self.model = np.zeros(1, np.dtype(shared, align=True))
-        self.model["scales"], self.model["bounds"] = self.layout.scales, self.layout.bounds
-        self.model["horizon_steps"] = self.horizon_steps
-        for name, _ in settings:
-            self.model[name] = getattr(config, name)
-        fill_actuation(self.model, arm, self.actuation_mode(config), config.control_period)
-        self._world = World(
-            arm.with_payload(config.payload),
-            self.batch,
-            self.model,
-            control_period=config.control_period,
-            physics_step=config.physics_step,
-        )
+        self._world = World(loaded, self.batch)
         self._threads = min(os.cpu_count() or 1, num_envs // _ENVS_PER_THREAD)
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
@@ -266,12 +262,6 @@ class Task(ABC):
         """The action space of one environment: numbers in [-1, 1]."""
         return gym.spaces.Box(-1.0, 1.0, self.batch["action"].shape[1:], np.float32)
 
-    def _hold_steps(self, hold_time: float) -> int:
-        """A hold time, s, in control periods; refused where an episode is too short for it."""
-        if hold_time > self.config.horizon:
-            raise ValueError(f"hold_time {hold_time} s is longer than the horizon {self.config.horizon} s; shorten it")
-        return self._whole_periods("hold_time", hold_time)
-
     def _seconds_held(self, record: Any, steps: int) -> float:
         """Time from which on a condition has held that has done so for ``steps`` control periods, s."""
         return (int(record["step"]) - steps + 1) * self.config.control_period
@@ -294,14 +284,13 @@ class Task(ABC):
             self._pool = (os.getpid(), ThreadPoolExecutor(self._threads, thread_name_prefix="planarm"))
         return self._pool[1]
 
-    def _whole_periods(self, name: str, seconds: float) -> int:
-        periods = seconds / self.config.control_period
-        if abs(periods - round(periods)) > 1e-6 or round(periods) < 1:
-            raise ValueError(
-                f"{name} {seconds} s is no multiple of control_period {self.config.control_period} s; "
-                f"{max(1, round(periods)) * self.config.control_period:g} s would do"
-            )
-        return round(periods)
+
+def whole_periods(config: TaskSettings, name: str, seconds: float) -> int:
+    """A named time, s, in control periods; ValueError if it is no multiple of them, or longer than the horizon."""
+    count = whole_multiple(name, seconds, "control_period", config.control_period)
+    if count > whole_multiple("horizon", config.horizon, "control_period", config.control_period):
+        raise ValueError(f"{name} {seconds} s is longer than the horizon {config.horizon} s; change one of them")
+    return count
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from agents.files import write_text
 from agents.tables import Table
-from envs.physics.world import World, advance, arm_fields, body_fields, place_arm
+from envs.physics.world import World, advance, arm_constants, arm_fields, model_record, place_arm
 from planners import PLANAR_3R, SCARA_1M, Arm
 from planners.typing import Array
 
@@ -31,15 +31,9 @@ class SimulatedArm:
 
     def __init__(self, arm: Arm, physics_step: float, *, pymunk_defaults: bool = False) -> None:
         self.batch = np.zeros(1, np.dtype(arm_fields(arm.n_joints), align=True))
-        self.model = np.zeros(1, np.dtype(body_fields(arm.n_joints), align=True))
-        self._world = World(
-            arm,
-            self.batch,
-            self.model,
-            control_period=CONTROL_PERIOD,
-            physics_step=physics_step,
-            pymunk_defaults=pymunk_defaults,
-        )
+        constants = arm_constants(arm, CONTROL_PERIOD, physics_step, pymunk_defaults=pymunk_defaults)
+        self.model = model_record(constants)
+        self._world = World(arm, self.batch)
 
     def place(self, q: Array, qd: Array) -> None:
         """Begin with joint angles (rad) and velocities (rad/s), each ``(n,)``."""

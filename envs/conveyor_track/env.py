@@ -16,7 +16,7 @@ from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.rendering import Belt
 from envs.settings import Settings
-from envs.task import LimitSettings, Task
+from envs.task import LimitSettings, Task, whole_periods
 from planners import SCARA_1M, MotionProblem, MovingHand
 from planners.typing import Array
 
@@ -95,9 +95,9 @@ class ConveyorTrack(Task):
     config: ConveyorTrackConfig
 
     def __init__(self, config: ConveyorTrackConfig, num_envs: int) -> None:
-        super().__init__(config, SCARA_1M, num_envs, kernels.ENV_FIELDS, kernels.MODEL_FIELDS)
+        constants = {"hold_steps": whole_periods(config, "hold_time", config.hold_time)}
+        super().__init__(config, SCARA_1M, num_envs, kernels.ENV_FIELDS, constants)
         self.batch["part"] = self._world.add_kinematic_bodies()
-        self.model["hold_steps"] = self._hold_steps(config.hold_time)
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:

@@ -12,7 +12,7 @@ from envs.excavator_payload.experts import PayloadExpert
 def _outcome(info: Info, duration: float) -> str:
     if math.isfinite(info["tip_rms"]):
         return f"tip error {1e3 * info['tip_rms']:.1f} mm RMS,\n{1e3 * info['tip_max']:.1f} mm at worst"
-    return f"a joint ran away at {duration:.1f} s"
+    return f"ended at {duration:.1f} s: a joint out of range or too fast"
 
 
 CARD = TaskCard(
@@ -23,7 +23,7 @@ CARD = TaskCard(
         Metric("waypoint_error", "at waypoints (mm)", 1e3),
     ),
     experts={
-        # No planner stands here: every motion but the given one is a failure by the task's own definition.
+        # No planners: the reference is given, and any other motion fails the task.
         "adaptive": PayloadExpert,
         "adaptive_computed_torque": partial(PayloadExpert, controller="adaptive-computed-torque", moments=False),
         "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),

@@ -17,7 +17,7 @@ from envs.excavator_payload.reference import Waypoints
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.settings import Settings
-from envs.task import Task, TaskSettings
+from envs.task import Task, TaskSettings, whole_periods
 from planners import FixedJoints, MotionProblem
 from planners.excavator.controllers import TYPICAL_PAYLOAD, make_controller
 from planners.excavator.plane import planar_arm
@@ -145,22 +145,21 @@ class ExcavatorPayload(Task):
     config: ExcavatorPayloadConfig
 
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
-        steps = round(config.horizon / config.control_period)
-        super().__init__(
-            config,
-            planar_arm(),
-            num_envs,
-            world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS,
-            world.MODEL_FIELDS + reference.MODEL_FIELDS + kernels.MODEL_FIELDS,
-        )
-        world.fill_machine(self.model, LAG if config.level == 2 else 0.0)
-        reference.fill_dynamics(self.model)
+        steps = whole_periods(config, "horizon", config.horizon)
         gains = make_controller("slotine-li", planar=True, period=config.control_period).settings
-        self.model["residual"] = config.control_mode == "residual"
-        self.model["bandwidth"], self.model["damping"] = gains.bandwidth, gains.bandwidth * gains.inertia
-        self.model["judged_after"], self.model["settling_steps"] = steps // 3, steps // 6
-        self.model["step_reward"] = FULL_REWARD / steps
-        self.model["noise"] = config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
+        constants = {
+            "residual": config.control_mode == "residual",
+            "bandwidth": gains.bandwidth,
+            "damping": gains.bandwidth * gains.inertia,
+            "judged_after": steps // 3,
+            "settling_steps": steps // 6,
+            "step_reward": FULL_REWARD / steps,
+            "noise": config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0),
+            **world.machine_constants(config.physics_step, LAG if config.level == 2 else 0.0),
+            **reference.dynamics_constants(),
+        }
+        fields = world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS
+        super().__init__(config, planar_arm(), num_envs, fields, constants)
         self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))

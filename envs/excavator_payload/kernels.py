@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from envs.excavator_payload.noise import add_noise
 from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_machine, reference_at
 from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, place_links, tip_of
+from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import clear_episode, finish_observation, sum_reward
 from planners.excavator.newton_euler import torque_single
@@ -48,18 +48,6 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("torque_l1", "f8"),
 ]
 """What an environment's record holds for this task, besides its physics and its reference."""
-
-
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("noise", "f8", (2,)),
-    ("residual", "?"),
-    ("bandwidth", "f8", (N_JOINTS,)),
-    ("damping", "f8", (N_JOINTS,)),
-    ("judged_after", "i8"),
-    ("settling_steps", "i8"),
-    ("step_reward", "f8"),
-]
-"""What the model record holds for this task: the controller under a residual, and how episodes are scored."""
 
 
 @njit(cache=True, nogil=True)
@@ -161,6 +149,16 @@ def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau:
     torque_single(empty_machine(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
     for i in range(N_JOINTS):
         tau[i] += model.damping[i] * (qd_r[i] - qd[i])
+
+
+@njit(cache=True, nogil=True)
+def add_noise(seed: int, step: int, deviations: Array, measured: Array) -> None:
+    """Add noise to ``measured`` ``(2, n)``: angles and velocities, with two standard ``deviations``."""
+    n = measured.shape[1]
+    for i in range(n):
+        angle, velocity = normal_pair(seed, step * n + i)
+        measured[0, i] += deviations[0] * angle
+        measured[1, i] += deviations[1] * velocity
 
 
 @njit(cache=True, nogil=True)

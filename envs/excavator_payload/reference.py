@@ -58,27 +58,22 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 ]
 """Fields of an environment's record for its reference: waypoints, and the control periods at which they are due."""
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("chain_frames", "f8", (N_JOINTS, 4)),
-    ("chain_gravity", "f8", (3,)),
-    ("chain_inertia", "f8", (N_JOINTS, 10)),
-    ("chain_drives", "f8", (N_JOINTS, 2)),
-    ("heaviest", "f8", (10,)),
-]
-"""Fields of the model record for the dynamics of the empty machine, and the heaviest payload."""
-
 
 def numbers_needed(horizon: float) -> tuple[int, int]:
     """Shape of the random numbers from which a reference of ``horizon`` s is drawn."""
     return _TRIES_PER_SEGMENT * math.ceil(1.0 + horizon / LEAST_TIME), N_JOINTS + 1
 
 
-def fill_dynamics(model: Records) -> None:
-    """Write `MODEL_FIELDS` of the model record."""
+def dynamics_constants() -> dict[str, Any]:
+    """What the kernels read from the model record: the dynamics of the empty machine, and the heaviest payload."""
     dynamics = planar_dynamics(EXCAVATOR)
-    model["chain_frames"], model["chain_gravity"] = dynamics.frames, dynamics.gravity
-    model["chain_inertia"], model["chain_drives"] = dynamics.inertia, dynamics.drives
-    model["heaviest"] = planar_payload(HEAVIEST)
+    return {
+        "chain_frames": dynamics.frames,
+        "chain_gravity": dynamics.gravity,
+        "chain_inertia": dynamics.inertia,
+        "chain_drives": dynamics.drives,
+        "heaviest": planar_payload(HEAVIEST),
+    }
 
 
 class Waypoints(NamedTuple):

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from envs.physics import chipmunk
-from envs.physics.world import Records, read_joint_state, remove_joints, renew_joint, step_physics
-from planners.excavator.machine import EXCAVATOR, Excavator
+from envs.physics.world import read_joint_state, remove_joints, renew_joint, step_physics
+from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
 
 N_JOINTS = 3
@@ -29,28 +29,24 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 ]
 """Fields of an environment's record for the physics: current load (mass, inertia, offset of its centre) and drives."""
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("body_masses", "f8", (N_JOINTS,)),
-    ("body_coms", "f8", (N_JOINTS, 2)),
-    ("body_inertias", "f8", (N_JOINTS,)),
-    ("load_com", "f8", (2,)),
-    ("tip_place", "f8", (2,)),
-    ("friction", "f8", (N_JOINTS,)),
-    ("lag_left", "f8"),
-    ("lag_mean", "f8"),
-]
-"""Fields of the model record for the physics: the machine, and the lag's decay after a step and its mean over it."""
 
+def machine_constants(physics_step: float, lag: float) -> dict[str, Any]:
+    """What the kernels read from the model record: the machine, and the decay of the drives' lag, s.
 
-def fill_machine(model: Records, lag: float, machine: Excavator = EXCAVATOR) -> None:
-    """Write `MODEL_FIELDS` of a model record with its physics step set; ``lag`` is that of the drives, s."""
-    bodies = planar_bodies(machine)
-    model["body_masses"], model["body_coms"], model["body_inertias"] = bodies.masses, bodies.coms, bodies.inertias
-    model["load_com"], model["tip_place"] = bodies.payload_com, bodies.tip
-    model["friction"] = machine.friction_array[JOINTS]
-    steps = float(model["physics_step"][0]) / lag if lag > 0.0 else math.inf
-    model["lag_left"] = math.exp(-steps)
-    model["lag_mean"] = -math.expm1(-steps) / steps if lag > 0.0 else 0.0
+    ``lag_left`` is what remains of a difference of torques after a physics step, ``lag_mean`` its mean over the step.
+    """
+    bodies = planar_bodies(EXCAVATOR)
+    steps = physics_step / lag if lag > 0.0 else math.inf
+    return {
+        "body_masses": bodies.masses,
+        "body_coms": bodies.coms,
+        "body_inertias": bodies.inertias,
+        "load_com": bodies.payload_com,
+        "tip_place": bodies.tip,
+        "friction": EXCAVATOR.friction_array[JOINTS],
+        "lag_left": math.exp(-steps),
+        "lag_mean": -math.expm1(-steps) / steps if lag > 0.0 else 0.0,
+    }
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.experts.payload_estimation import Knowledge, PayloadAdaptation, loaded_arms
+from envs.experts.payload_estimation import AdaptiveState, PayloadAdaptation, loaded_arms
 from envs.observation import Observation
 from envs.physics.actuation import action_scale
 from envs.task import Task
@@ -63,7 +63,7 @@ class Expert(ABC):
     @property
     def mass_estimate(self) -> Array | None:
         """Estimated payloads after the last call, ``(num_envs,)``, kg; None without estimation."""
-        return self._memory.mass_estimate if isinstance(self._memory, Knowledge) else None
+        return self._memory.mass_estimate if isinstance(self._memory, AdaptiveState) else None
 
     def predict(
         self,
@@ -97,7 +97,7 @@ class Expert(ABC):
             actions, self._memory = self._act(batch, memory, starts)
             clipped = _clipped(actions)
         else:
-            known = self._adaptation.update(batch, cast(Knowledge | None, memory), starts)
+            known = self._adaptation.update(batch, cast(AdaptiveState | None, memory), starts)
             self._payload = known.mass_estimate
             actions, inner = self._act(batch, known.expert, starts)
             clipped = _clipped(actions)

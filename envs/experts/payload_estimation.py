@@ -21,12 +21,12 @@ _GRAMS = 3
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class AdaptiveState:
     """The `state` of an expert that adapts.
 
     Attributes:
         expert: the state of the expert itself.
-        sums: of the payload estimate.
+        sums: least-squares sums of the payload estimate.
         tau: torques of the last action, ``(num_envs, n)``, N m.
         due: control periods left at the next observation, ``(num_envs,)``.
     """
@@ -41,7 +41,7 @@ class Knowledge:
         """Estimated payloads, ``(num_envs,)``, kg, rounded to grams so that environments can share an arm."""
         return np.round(self.sums.mass, _GRAMS)
 
-    def after(self, tau: Array, expert: Any) -> Knowledge:
+    def after(self, tau: Array, expert: Any) -> AdaptiveState:
         """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
         return replace(self, expert=expert, tau=tau, due=self.due - 1)
 
@@ -67,17 +67,19 @@ class PayloadAdaptation:
                 f"the adaptive law learns from the torques of its own actions, but {task.env_id} makes them from "
                 f'actions of control_mode "{mode}", for an arm without payload; use control_mode "torque"'
             )
-        unseen = set(_NEEDED) - {entry.name for entry in task.layout.entries}
-        if unseen:
+        missing = set(_NEEDED) - {entry.name for entry in task.layout.entries}
+        if missing:
             raise ValueError(
-                f"the adaptive law needs {', '.join(sorted(unseen))}, which {task.env_id} does not show; "
+                f"the adaptive law needs {', '.join(sorted(missing))}, not in the observation of {task.env_id}; "
                 "make the expert without it"
             )
         self._task = task
         period, limit = task.config.control_period, np.array(task.arm.limits.torque)
         self._estimator = PayloadEstimator(PlanarArmModel(task.arm), limit, period)
 
-    def update(self, observations: Observation, before: Knowledge | None, starts: NDArray[np.bool_]) -> Knowledge:
+    def update(
+        self, observations: Observation, before: AdaptiveState | None, starts: NDArray[np.bool_]
+    ) -> AdaptiveState:
         """The estimate with new observations.
 
         Args:
@@ -90,10 +92,10 @@ class PayloadAdaptation:
         left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
         batch, n = seen["joint_position"].shape
         if before is None or len(before.due) != batch:
-            return Knowledge(None, LeastSquaresSums.zeros(batch, n), np.zeros((batch, n)), left)
+            return AdaptiveState(None, LeastSquaresSums.zeros(batch, n), np.zeros((batch, n)), left)
         state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
         sums = self._estimator.update(before.sums, *state, before.tau).restarted(starts | (before.due != left))
-        return Knowledge(before.expert, sums, before.tau, left)
+        return AdaptiveState(before.expert, sums, before.tau, left)
 
 
 def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:

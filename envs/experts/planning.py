@@ -46,7 +46,7 @@ class PlanningExpert(Expert):
                 ("qd", "f8", samples),
                 ("last", "i8"),  # index of the last planned sample, 0 without a plan
                 ("begun", "i8"),  # control periods left when the plan was made
-                ("posed", "f4", task.layout.size),  # the observation it was made from
+                ("origin", "f4", task.layout.size),  # the observation that it was made from
                 ("payload", "f8"),  # the payload it was made for, kg
             ]
         )
@@ -56,20 +56,20 @@ class PlanningExpert(Expert):
         left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period).astype(np.int64)
         if state is None or len(state[1]) != len(observations):
             state = np.zeros(len(observations), self._plan_type), np.full(len(observations), -1)
-        plans, due = state
-        anew = starts | (due != left)
+        plans, expected = state
+        due = starts | (expected != left)
         if self._replan_every is not None:
-            anew |= plans["begun"] - left >= self._replan_every
-        if anew.any():
+            due |= plans["begun"] - left >= self._replan_every
+        if due.any():
             plans = plans.copy()
-            plans["last"][anew], plans["begun"][anew], plans["posed"][anew] = 0, left[anew], observations[anew]
-            self._replan(plans, observations, left, anew)
-        misjudged = np.abs(self._payload - plans["payload"]) > PAYLOAD_TOLERANCE
-        if misjudged.any():
-            posed, begun, plans = plans["posed"], plans["begun"], plans.copy()
-            failed = misjudged & ~self._replan(plans, observations, left, misjudged)
+            plans["last"][due], plans["begun"][due], plans["origin"][due] = 0, left[due], observations[due]
+            self._replan(plans, observations, left, due)
+        outdated = np.abs(self._payload - plans["payload"]) > PAYLOAD_TOLERANCE
+        if outdated.any():
+            origin, begun, plans = plans["origin"], plans["begun"], plans.copy()
+            failed = outdated & ~self._replan(plans, observations, left, outdated)
             # Not every planner starts from a moving arm; in the first periods the old start is close enough.
-            self._replan(plans, posed, begun, failed)
+            self._replan(plans, origin, begun, failed)
         rows, sample = np.arange(len(observations)), plans["begun"] - left
         now, ahead = np.minimum(sample, plans["last"]), np.minimum(sample + 1, plans["last"])
         qdd = tracking_acceleration(
@@ -86,20 +86,20 @@ class PlanningExpert(Expert):
         return self._action_for(seen, qdd), (plans, left - 1)
 
     def _replan(
-        self, plans: NDArray[Any], observations: Observation, left: NDArray[np.int64], anew: NDArray[np.bool_]
+        self, plans: NDArray[Any], observations: Observation, left: NDArray[np.int64], due: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Replace plans in place, from observations with so many periods left, and say which have been replaced."""
-        planned = np.zeros_like(anew)
+        planned = np.zeros_like(due)
         period = self.task.config.control_period
-        plans["payload"][anew] = self._payload[anew]
-        for row in np.flatnonzero(anew):
+        plans["payload"][due] = self._payload[due]
+        for row in np.flatnonzero(due):
             problem = self.task.motion_problem(observations[row])
             plan = self._plan(self._planner, replace(problem, payload=float(self._payload[row])))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
                 q, qd, _ = plan.at(period * np.arange(last + 1))
                 plans["q"][row, : last + 1], plans["qd"][row, : last + 1] = q, qd
-                plans["last"][row], plans["begun"][row], plans["posed"][row] = last, left[row], observations[row]
+                plans["last"][row], plans["begun"][row], plans["origin"][row] = last, left[row], observations[row]
                 planned[row] = True
         return planned
 

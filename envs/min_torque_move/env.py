@@ -16,7 +16,7 @@ from envs.min_torque_move.moves import Move, random_move
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.settings import Settings
-from envs.task import LimitSettings, Task
+from envs.task import LimitSettings, Task, whole_periods
 from planners import PLANAR_3R, FixedJoints, Infeasible, MotionProblem, lagrange, quintic
 from planners.control import Gains
 from planners.motion.time_laws import SHAPES
@@ -101,11 +101,13 @@ class MinTorqueMove(Task):
     config: MinTorqueMoveConfig
 
     def __init__(self, config: MinTorqueMoveConfig, num_envs: int) -> None:
-        arm = replace(PLANAR_3R, gravity=config.gravity)
-        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, kernels.MODEL_FIELDS)
-        gains = Gains.sampled(config.control_period)
-        self.model["position_gain"], self.model["velocity_gain"] = gains.position, gains.velocity
-        self.model["whole_motion"] = config.control_mode == "motion"
+        arm, gains = replace(PLANAR_3R, gravity=config.gravity), Gains.sampled(config.control_period)
+        constants = {
+            "whole_motion": config.control_mode == "motion",
+            "position_gain": gains.position,
+            "velocity_gain": gains.velocity,
+        }
+        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:
@@ -165,9 +167,7 @@ class MinTorqueMove(Task):
         return random_move(generator, self.arm, self.config.control_period, self.config.horizon)
 
     def _require_possible(self, move: Move) -> None:
-        self._whole_periods("duration", move.duration)
-        if move.duration > self.config.horizon:
-            raise ValueError(f"duration {move.duration} s is longer than horizon {self.config.horizon} s; raise it")
+        whole_periods(self.config, "duration", move.duration)
         for name, angles in (("start", move.start), ("goal", move.goal)):
             if not (np.abs(angles) <= np.array(self.arm.limits.angle)).all():
                 ranges = ", ".join(f"{limit:.4g}" for limit in self.arm.limits.angle)

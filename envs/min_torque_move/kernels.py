@@ -36,13 +36,6 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 ]
 """What an environment's record holds for this task, besides what every task has."""
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [
-    ("whole_motion", "?"),
-    ("position_gain", "f8"),
-    ("velocity_gain", "f8"),
-]
-"""What the model record holds for this task, besides the configuration."""
-
 
 @njit(cache=True, nogil=True)
 def reset_env(batch: Any, model: Any, index: int) -> None:

@@ -15,7 +15,7 @@ from envs.observation import Entry, Layout, Observation
 from envs.obstacle_dodge import kernels
 from envs.obstacle_dodge.paths import PATH_STEP
 from envs.obstacle_dodge.starts import PAPER_SCENARIO, DodgeStarts, Episode, ObstacleDodgeOptions
-from envs.task import LimitSettings, Task
+from envs.task import LimitSettings, Task, whole_periods
 from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
 
@@ -96,9 +96,9 @@ class ObstacleDodge(Task):
         self.layout = layout_of(config.num_obstacles)
         samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
         fields = kernels.env_fields(samples, config.num_obstacles)
-        super().__init__(config, SCARA_50CM, num_envs, fields, kernels.MODEL_FIELDS)
-        self.model["link_radius"] = self.arm.link_radius
-        self.model["hold_steps"] = self._hold_steps(config.hold_time)
+        hold_steps = whole_periods(config, "hold_time", config.hold_time)
+        constants = {"link_radius": SCARA_50CM.link_radius, "hold_steps": hold_steps}
+        super().__init__(config, SCARA_50CM, num_envs, fields, constants)
         acceleration = 0.5 * np.array(self.arm.limits.acceleration)
         self._planning_limits = replace(self.arm.limits, acceleration=tuple(acceleration.tolist()))
         self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)

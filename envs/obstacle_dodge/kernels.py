@@ -36,10 +36,6 @@ def env_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
     ]
 
 
-MODEL_FIELDS: list[tuple[Any, ...]] = [("link_radius", "f8"), ("hold_steps", "i8")]
-"""What the model record holds for this task, besides the configuration."""
-
-
 @njit(cache=True, nogil=True)
 def reset_env(batch: Any, model: Any, index: int) -> None:
     """Begin an episode in one environment whose posture, goal and paths are already set."""

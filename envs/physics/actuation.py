@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numba import njit
 
-from envs.physics.world import Records, advance
+from envs.physics.world import advance
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
     TORQUE_SHARE,
@@ -42,32 +42,24 @@ def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
     ]
 
 
-def actuation_model_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of the model record: the control mode, the limits, and the nominal dynamics."""
-    return [
-        ("control_mode", "i8"),
-        ("control_period", "f8"),
-        ("coupling", "f8", (n_joints, n_joints)),
-        ("weight", "f8", (n_joints,)),
-        ("limits", "f8", (len(LIMIT_KINDS), n_joints)),
-    ]
-
-
-def fill_actuation(model: Records, arm: Arm, control_mode: ControlMode, control_period: float) -> None:
-    """Write the actuation fields of the model record for the nominal arm (without its unknown payload).
+def actuation_constants(arm: Arm, control_mode: ControlMode) -> dict[str, Any]:
+    """What the kernels below read from the model record, for the nominal arm (without its unknown payload).
 
     Raises:
         ValueError: if the control mode needs a limit that the arm lacks.
     """
-    model["control_mode"] = CONTROL_MODES.index(control_mode)
-    model["control_period"] = control_period
-    model["coupling"], model["weight"] = arm.chain_constants
-    model["limits"] = [getattr(arm.limits, kind) for kind in LIMIT_KINDS]
     scale = action_scale(arm, control_mode)
     if not np.isfinite(scale).all():
         raise ValueError(
             f'control_mode "{control_mode}" scales actions by the {control_mode} limits, but {arm.name} has {scale}'
         )
+    coupling, weight = arm.chain_constants
+    return {
+        "control_mode": CONTROL_MODES.index(control_mode),
+        "coupling": coupling,
+        "weight": weight,
+        "limits": [getattr(arm.limits, kind) for kind in LIMIT_KINDS],
+    }
 
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
@@ -173,19 +165,11 @@ def watch_limits(env: Any, model: Any) -> float:
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
     """
     worst = 0.0
-    for kind in range(len(LIMIT_KINDS)):
-        for i in range(env.q.shape[0]):
-            if kind == 0:
-                value = env.tau[i]
-            elif kind == 1:
-                value = env.qd[i]
-            elif kind == 2:
-                value = env.qdd[i]
-            elif kind == 3:
-                value = (env.qdd[i] - env.qdd_before[i]) / model.control_period
-            else:
-                value = env.q[i]
-            ratio = abs(value) / model.limits[kind, i]
+    for i in range(env.q.shape[0]):
+        jerk = (env.qdd[i] - env.qdd_before[i]) / model.control_period
+        values = env.tau[i], env.qd[i], env.qdd[i], jerk, env.q[i]
+        for kind in range(len(LIMIT_KINDS)):
+            ratio = abs(values[kind]) / model.limits[kind, i]
             worst = max(worst, ratio)
             env.limit_ratios[kind] = max(env.limit_ratios[kind], ratio)
     return worst

@@ -11,6 +11,7 @@ Three choices make Pymunk a good manipulator simulator (``python -m tools.physic
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -40,17 +41,39 @@ def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
     ]
 
 
-def body_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of the model record for the physics: the arm with its payload."""
-    return [
-        ("lengths", "f8", (n_joints,)),
-        ("coms", "f8", (n_joints,)),
-        ("base", "f8", (2,)),
-        ("physics_step", "f8"),
-        ("substeps", "i8"),
-        ("position_lag", "f8"),
-        ("error_bias", "f8"),
-    ]
+def arm_constants(
+    arm: Arm, control_period: float, physics_step: float, *, pymunk_defaults: bool = False
+) -> dict[str, Any]:
+    """What the kernels of the physics read from the model record.
+
+    Args:
+        arm: the arm with the payload that it holds.
+        control_period: time for which a torque is held, s.
+        physics_step: time of one Chipmunk step, s.
+        pymunk_defaults: leave out the first two choices above, to measure their effect.
+
+    Raises:
+        ValueError: if the control period is no integer multiple of the physics step.
+    """
+    return {
+        "lengths": arm.lengths,
+        "coms": arm.coms,
+        "base": arm.base,
+        "physics_step": physics_step,
+        "substeps": whole_multiple("control_period", control_period, "physics_step", physics_step),
+        "position_lag": 0.0 if pymunk_defaults else 0.5 * physics_step,
+        "error_bias": PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0,
+    }
+
+
+def model_record(constants: Mapping[str, Any]) -> Records:
+    """The array of one record that all environments share: sequences as float64, single numbers in their own type."""
+    arrays = {name: np.asarray(value) for name, value in constants.items()}
+    fields = [(name, np.dtype("f8") if array.ndim else array.dtype, array.shape) for name, array in arrays.items()]
+    record = np.zeros(1, np.dtype(fields, align=True))
+    for name, array in arrays.items():
+        record[name] = array
+    return record
 
 
 class World:
@@ -59,30 +82,9 @@ class World:
     Args:
         arm: the arm with the payload that it holds.
         batch: environment records with `arm_fields`; the addresses are filled in.
-        model: the record that all environments share, with `body_fields`; filled in.
-        control_period: time for which a torque is held, s.
-        physics_step: time of one Chipmunk step, s.
-        pymunk_defaults: leave out the first two choices above, to measure their effect.
-
-    Raises:
-        ValueError: if the control period is no integer multiple of the physics step.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        batch: Records,
-        model: Records,
-        *,
-        control_period: float,
-        physics_step: float,
-        pymunk_defaults: bool = False,
-    ) -> None:
-        model["lengths"], model["coms"], model["base"] = arm.lengths, arm.coms, arm.base
-        model["physics_step"] = physics_step
-        model["substeps"] = substeps_per_period(control_period, physics_step)
-        model["position_lag"] = 0.0 if pymunk_defaults else 0.5 * physics_step
-        model["error_bias"] = PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0
+    def __init__(self, arm: Arm, batch: Records) -> None:
         self._spaces: list[pymunk.Space] = []  # a space keeps its C structs, to which the addresses point, alive
         for env in batch:
             space = pymunk.Space()
@@ -109,19 +111,20 @@ class World:
         return [chipmunk.address(body._body) for body in bodies]
 
 
-def substeps_per_period(control_period: float, physics_step: float) -> int:
-    """Number of physics steps in one control period.
+def whole_multiple(name: str, seconds: float, step_name: str, step: float) -> int:
+    """How many steps a named time takes.
 
     Raises:
         ValueError: if that is not a whole number.
     """
-    ratio = control_period / physics_step if physics_step > 0.0 else 0.0
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+    count = seconds / step if step > 0.0 else 0.0
+    if round(count) < 1 or abs(count - round(count)) > 1e-6:
+        whole = max(1, round(count))
         raise ValueError(
-            f"control_period {control_period} s is no multiple of physics_step {physics_step} s; "
-            f"choose control_period / k with a whole k, such as {control_period / max(1, round(ratio)):.6g} s"
+            f"{name} {seconds} s is no multiple of {step_name} {step} s; "
+            f"choose a {name} of {whole * step:g} s or a {step_name} of {seconds / whole:.6g} s"
         )
-    return round(ratio)
+    return round(count)
 
 
 @njit(cache=True, nogil=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +11,6 @@ from envs.rendering.camera import Camera
 from envs.rendering.panel import Panel
 from envs.rendering.scene import Scene
 from planners.typing import Array
-
-if TYPE_CHECKING:
-    from envs.rendering.window import Window
 
 PANEL_SHARE = 0.29
 DESIGN_HEIGHT = 640.0
@@ -45,6 +40,7 @@ class Renderer:
     ) -> None:
         try:
             from envs.rendering import canvas
+            from envs.rendering.window import Window
         except ImportError as error:
             raise DependencyNotInstalled('rendering needs pygame-ce; run: pip install "planarm[viz]"') from error
         if min(size) < 64:
@@ -55,7 +51,7 @@ class Renderer:
         self._canvas = canvas.Canvas(size)
         self._pixels_of = canvas.pixels_of
         self._panel = Panel(self._canvas, panel_width, self._unit)
-        self._window = self._open_window(size, fps) if window else None
+        self._window = Window(size, fps) if window else None
 
     def draw(self, scene: Scene) -> NDArray[np.uint8]:
         """The picture of a scene, ``(height, width, 3)``; also shown in the window, if there is one."""
@@ -90,9 +86,3 @@ class Renderer:
         if self._window is not None:
             self._window.close()
             self._window = None
-
-    @staticmethod
-    def _open_window(size: tuple[int, int], fps: int) -> Window:
-        from envs.rendering.window import Window
-
-        return Window(size, fps)

@@ -117,12 +117,11 @@ def test_full_jerk_ends_at_the_speed_limit_and_not_beyond(speed: float, accelera
 
 
 def test_a_mode_without_its_limit_is_refused() -> None:
-    from envs.physics.actuation import actuation_model_fields, fill_actuation
+    from envs.physics.actuation import actuation_constants
     from planners import PLANAR_3R
 
-    model = np.zeros(1, np.dtype(actuation_model_fields(3)))
     with pytest.raises(ValueError, match='control_mode "jerk" scales actions by the jerk limits, but PLANAR_3R'):
-        fill_actuation(model, PLANAR_3R, "jerk", PERIOD)
+        actuation_constants(PLANAR_3R, "jerk")
 
 
 def test_limits_are_watched_per_period() -> None:

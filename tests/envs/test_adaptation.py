@@ -12,7 +12,7 @@ import pytest
 import envs
 from agents.evaluation.evaluate import Evaluation, evaluate
 from envs.experts import ADAPTIVE, expert_names, is_expert
-from envs.experts.payload_estimation import Knowledge
+from envs.experts.payload_estimation import AdaptiveState
 
 TASKS = ("ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0")
 PLANNED = ("dpct", "lagrange", "apf", "follower")
@@ -25,7 +25,7 @@ def scored(name: str, env_id: str, payload: float, episodes: int = 6) -> Evaluat
     return evaluate(name, env_id, range(episodes), env_config={"payload": payload})
 
 
-def actions_and_states(env: Any, expert: Any, steps: int, seed: int = 0) -> tuple[list[Any], list[Knowledge]]:
+def actions_and_states(env: Any, expert: Any, steps: int, seed: int = 0) -> tuple[list[Any], list[AdaptiveState]]:
     """The actions of a vector environment's first steps, and the states after them."""
     observations, _ = env.reset(seed=seed)
     state, actions, states = None, [], []

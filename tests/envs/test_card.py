@@ -104,7 +104,7 @@ class Reach(Task):
     view = (-1.2, 1.2, -1.2, 1.2)
 
     def __init__(self, config: Config, num_envs: int) -> None:
-        super().__init__(config, SCARA_1M, num_envs, [("goal", "f8", (2,)), ("error", "f8")], [])
+        super().__init__(config, SCARA_1M, num_envs, [("goal", "f8", (2,)), ("error", "f8")], {})
 
     def draw(self, generators: Any, options: Any) -> list[Any]:
         return [generator.uniform(-1.0, 1.0, 2) for generator in generators]

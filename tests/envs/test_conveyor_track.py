@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -13,8 +14,9 @@ import pytest
 import scipy.stats
 
 import envs
+from envs.conveyor_track import starts
 from envs.conveyor_track.env import LAYOUT
-from envs.conveyor_track.starts import AXES, Demands, Start, problem_of, why_unsolvable
+from envs.conveyor_track.starts import AXES, TABLE, Demands, Start, problem_of, why_unsolvable
 from envs.experts import PlanningExpert
 from planners import SCARA_1M, Infeasible, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 
@@ -402,3 +404,15 @@ def test_problem_of_a_start_is_the_environments_own() -> None:
     assert isinstance(ours.target, MovingHand)
     assert isinstance(seen.target, MovingHand)
     assert seen.target.position == pytest.approx(ours.target.position, abs=1e-6)
+
+
+def test_the_table_of_starts_is_built_as_it_is_stored(tmp_path: Path) -> None:
+    from tools.conveyor_starts import build
+
+    low = {"belt_speed": 3, "offset": 3, "line_height": 1, "hand_x": 1}
+    build(tmp_path / TABLE, {name: AXES[name][first : first + 2] for name, first in low.items()})
+    with np.load(tmp_path / TABLE) as built, np.load(Path(starts.__file__).with_name(TABLE)) as stored:
+        part = tuple(slice(first, first + 2) for first in low.values())
+        assert np.isfinite(built["rendezvous_time"]).any()
+        for name in ("rendezvous_time", "rides_until"):
+            np.testing.assert_allclose(built[name], stored[name][part], rtol=1e-6)

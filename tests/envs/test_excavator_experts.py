@@ -146,5 +146,5 @@ def test_no_planner_acts_where_the_motion_is_given(name: str) -> None:
 
 
 def test_experts_need_no_adaptation_around_them() -> None:
-    with pytest.raises(ValueError, match=f"needs joint_acceleration, which {ENV_ID} does not show"):
+    with pytest.raises(ValueError, match=f"needs joint_acceleration, not in the observation of {ENV_ID}"):
         envs.make_expert("adaptive", gym.make(ENV_ID), adaptive=True)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from envs.excavator_payload.noise import add_noise, normal_pair, uniform
-from envs.hashing import GAMMA, to_unit
+from envs.excavator_payload.kernels import add_noise
+from envs.hashing import GAMMA, normal_pair, to_unit, uniform
 
 SPLITMIX_OF_1234567 = (6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431)
 """The published first outputs for this seed."""

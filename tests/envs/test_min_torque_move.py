@@ -82,7 +82,7 @@ class TestMove:
             ({"start": (0.0, 0.0, -3.0)}, "start .* leaves the joint ranges"),
             ({"duration": 0.1}, r"no motion within the limits .* late: .*"),
             ({"duration": 0.333}, "duration 0.333 s is no multiple of control_period"),
-            ({"duration": 4.0}, "longer than horizon"),
+            ({"duration": 4.0}, "longer than the horizon"),
             ({"duration": -1.0}, "duration = -1.0"),
             ({"goal": (0.0, 1.0)}, "goal"),
             ({"gaol": (0.0, 1.0, 0.0)}, 'did you mean "goal"'),

@@ -4,7 +4,7 @@ import pytest
 from numba import njit
 
 from envs.physics import chipmunk
-from envs.physics.world import substeps_per_period
+from envs.physics.world import whole_multiple
 
 set_position, set_velocity = chipmunk.body_set_position, chipmunk.body_set_velocity
 get_position, get_velocity = chipmunk.body_get_position, chipmunk.body_get_velocity
@@ -31,13 +31,13 @@ def test_a_missing_c_function_is_named() -> None:
 
 @pytest.mark.parametrize(("period", "step", "count"), [(0.02, 0.002, 10), (0.02, 0.02, 1), (0.01, 0.0005, 20)])
 def test_substeps(period: float, step: float, count: int) -> None:
-    assert substeps_per_period(period, step) == count
+    assert whole_multiple("control_period", period, "physics_step", step) == count
 
 
 @pytest.mark.parametrize(("period", "step"), [(0.02, 0.003), (0.02, 0.05), (0.02, 0.0), (0.02, -0.001)])
 def test_a_period_that_is_no_multiple_is_refused(period: float, step: float) -> None:
     with pytest.raises(ValueError, match=rf"control_period {period} s is no multiple of physics_step {step} s; choose"):
-        substeps_per_period(period, step)
+        whole_multiple("control_period", period, "physics_step", step)
 
 
 def test_spaces_are_freed_quietly_at_exit() -> None:
