@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.checks import require_finite
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
@@ -64,12 +65,9 @@ class FixedHand:
 
 @dataclass(frozen=True)
 class MovingHand:
-    """Meet a point that moves with constant acceleration, and ride with it.
+    """Meet and follow a point that moves with constant acceleration.
 
-    Attributes:
-        position: at time 0, ``(2,)``, m.
-        velocity: at time 0, ``(2,)``, m/s.
-        acceleration: ``(2,)``, m/s^2.
+    ``position`` (m) and ``velocity`` (m/s) are those at time 0; ``acceleration`` is in m/s^2; each ``(2,)``.
     """
 
     position: Array
@@ -82,10 +80,8 @@ class MovingHand:
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Position and velocity at times ``t``, each ``t.shape + (2,)``."""
         time = np.asarray(t, dtype=float)[..., None]
-        return (
-            self.position + time * self.velocity + 0.5 * time**2 * self.acceleration,
-            self.velocity + time * self.acceleration,
-        )
+        position = self.position + time * self.velocity + 0.5 * time**2 * self.acceleration
+        return position, self.velocity + time * self.acceleration
 
 
 Target = FixedJoints | FixedHand | MovingHand
@@ -101,8 +97,7 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         _freeze(self, position=2, velocity=2)
-        if not (math.isfinite(self.radius) and self.radius >= 0.0):
-            raise ValueError(f"obstacle radius {self.radius} m must be finite and not negative")
+        require_finite("obstacle radius", self.radius, "m", "not negative")
 
 
 @dataclass(frozen=True)
@@ -111,11 +106,8 @@ class MotionProblem:
 
     Attributes:
         arm: the robot, without its payload.
-        q: joint angles at time 0, ``(n,)``, rad.
-        qd: joint velocities at time 0, ``(n,)``, rad/s.
-        qdd: joint accelerations at time 0, ``(n,)``, rad/s^2.
-        target: to reach.
-        horizon: available time, s.
+        q, qd, qdd: joint angles, velocities and accelerations at time 0, ``(n,)``; at rest when left out.
+        target: to reach, within ``horizon`` s.
         limits: of the joints; the arm's own when left out.
         obstacles: discs to avoid.
         payload: estimated point mass at the hand, kg.
@@ -133,16 +125,12 @@ class MotionProblem:
 
     def __post_init__(self) -> None:
         n = self.arm.n_joints
-        for name in ("qd", "qdd"):
+        for name, default in {"qd": np.zeros(n), "qdd": np.zeros(n), "limits": self.arm.limits}.items():
             if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(n))
+                object.__setattr__(self, name, default)
         _freeze(self, q=n, qd=n, qdd=n)
-        if self.limits is None:
-            object.__setattr__(self, "limits", self.arm.limits)
-        if not (math.isfinite(self.horizon) and self.horizon > 0.0):
-            raise ValueError(f"horizon {self.horizon} s must be finite and positive")
-        if not (math.isfinite(self.payload) and self.payload >= 0.0):
-            raise ValueError(f"payload mass {self.payload} kg must be finite and not negative")
+        require_finite("horizon", self.horizon, "s", "positive")
+        require_finite("payload mass", self.payload, "kg", "not negative")
         if len(self.joint_limits.torque) != n:
             raise ValueError(f"limits are given for {len(self.joint_limits.torque)} joints, the arm has {n}")
         if isinstance(self.target, FixedJoints) and len(self.target.q) != n:
@@ -239,8 +227,7 @@ def sampled_trajectory(
 ) -> Trajectory:
     """A sampled joint motion as a `Trajectory`, with the torques of the loaded arm and the limit ratios.
 
-    ``jerk_jumps`` says that the acceleration jumps, so that the ratio to a finite jerk limit is infinite; the other
-    arguments are the trajectory's attributes.
+    With ``jerk_jumps`` the acceleration jumps, so that the ratio to a finite jerk limit is infinite.
     """
     tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
     ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
@@ -252,15 +239,9 @@ def sampled_trajectory(
 def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> dict[str, float]:
     """Worst |value| / limit of each kind over samples and joints.
 
-    Jerk is the difference of the sampled accelerations: sample where it jumps.
-
-    Args:
-        limits: of the joints.
-        t: sample times, ``(samples,)``, s.
-        q, qd, qdd, tau: samples, ``(samples, n)``, SI units.
-
-    Returns:
-        Ratios under ``torque``, ``velocity``, ``acceleration``, ``jerk`` and ``angle``; 0 where there is no limit.
+    The samples are at times ``t`` ``(samples,)``, s, and ``(samples, n)``. Jerk is the difference of the sampled
+    accelerations: sample where it jumps. The kinds are ``torque``, ``velocity``, ``acceleration``, ``jerk`` and
+    ``angle``; the ratio is 0 where there is no limit.
     """
     jerk = np.diff(qdd, axis=0) / np.diff(t)[:, None]
     samples = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": jerk, "angle": q}

@@ -22,12 +22,7 @@ SAMPLES = 200
 def plan(problem: MotionProblem) -> Trajectory:
     """Move every joint by its quintic, from rest to rest, over the whole horizon.
 
-    Args:
-        problem: with a target in joint angles and a start at rest.
-
-    Returns:
-        The trajectory; its cost is PI1, the integral of the summed absolute torques, N m s. Limits are not
-        enforced; see ``limit_ratios``.
+    The cost is PI1, the integral of the summed absolute torques, N m s. Limits are not enforced; see ``limit_ratios``.
 
     Raises:
         Infeasible: with reason ``start`` if the start moves.

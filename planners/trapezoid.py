@@ -5,14 +5,13 @@ Only velocity and acceleration limits are kept; obstacles are ignored. The basel
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from planners.goals import goal_postures
 from planners.motion.time_laws import trapezoid, trapezoid_share
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, limit_ratios
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
 
 SAMPLES = 200
 """Intervals of time into which a motion is divided."""
@@ -21,11 +20,7 @@ SAMPLES = 200
 def plan(problem: MotionProblem) -> Trajectory:
     """The fastest straight move within the velocity and acceleration limits, from rest to the nearest goal posture.
 
-    Args:
-        problem: with a fixed target and a start at rest; obstacles are ignored.
-
-    Returns:
-        The trajectory; its cost is its duration, s.
+    Its cost is its duration, s.
 
     Raises:
         Infeasible: with reason ``start`` if the start moves, ``unreachable`` if the target is out of reach, ``late`` if
@@ -49,6 +44,5 @@ def plan(problem: MotionProblem) -> Trajectory:
     speed = np.minimum(1.0, np.minimum(t, duration - t) / ramp) * top
     rise = np.where(t < ramp, 1.0, np.where(t > duration - ramp, -1.0, 0.0)) * top / ramp
     q, qd, qdd = q0 + share[:, None] * change, speed[:, None] * change, rise[:, None] * change
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    ratios = limit_ratios(replace(limits, jerk=(math.inf,) * len(q0)), t, q, qd, qdd, tau)
-    return Trajectory(t, q, qd, qdd, tau, ratios, duration, duration, "straight")
+    any_jerk = replace(problem, limits=replace(limits, jerk=()))
+    return sampled_trajectory(any_jerk, t, q, qd, qdd, planner="straight", cost=duration, rendezvous_time=duration)

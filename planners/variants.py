@@ -18,13 +18,7 @@ def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
 def plan_variant(
     planners: Mapping[Any, Callable[..., Trajectory]], variant: str, problem: MotionProblem, options: Mapping[str, Any]
 ) -> Trajectory:
-    """Plan a motion with one of several planners.
-
-    Args:
-        planners: by the name of the variant.
-        variant: name of the planner to use.
-        problem: the motion.
-        options: keyword arguments of that planner.
+    """Plan a motion with one of the planners, by the name of its variant and with its options.
 
     Raises:
         Infeasible: if no motion solves the problem, with the reason.

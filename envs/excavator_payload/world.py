@@ -43,7 +43,7 @@ def machine_constants(physics_step: float, lag: float) -> dict[str, Any]:
         "body_inertias": bodies.inertias,
         "load_com": bodies.payload_com,
         "tip_place": bodies.tip,
-        "friction": EXCAVATOR.friction_array[JOINTS],
+        "friction": EXCAVATOR.drives[JOINTS, 1],
         "lag_left": math.exp(-steps),
         "lag_mean": -math.expm1(-steps) / steps if lag > 0.0 else 0.0,
     }

@@ -20,6 +20,7 @@ from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload_bas
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.plane import JOINTS, planar_model
+from planners.variants import require_choice
 
 FIXED: dict[str, type[Controller]] = {
     "pd-gravity": PDGravity,
@@ -65,18 +66,14 @@ def make_controller(
     """A controller of the attachment that starts with an empty tool.
 
     Args:
-        name: of `FIXED` or `ADAPTIVE`.
+        name: of `FIXED` or `ADAPTIVE`; another raises ValueError.
         planar: control boom, arm and bucket alone, see :mod:`planners.excavator.plane`.
         moments: also estimate the shift of the payload's centre; ignored by a fixed controller.
         rows: size of the batch.
         period: between two samples, s; 5 ms when left out, in the plane 20 ms.
         machine: the attachment as the controller knows it.
-
-    Raises:
-        ValueError: if the name is unknown.
     """
-    if name not in FIXED and name not in ADAPTIVE:
-        raise ValueError(f"controller {name!r} must be one of {', '.join(map(repr, [*FIXED, *ADAPTIVE]))}")
+    require_choice("controller", name, [*FIXED, *ADAPTIVE])
     moments = moments and name in ADAPTIVE
     if planar:
         joints, posture, typical = JOINTS, np.radians([TYPICAL_POSTURE]), TYPICAL_PAYLOAD
@@ -89,7 +86,7 @@ def make_controller(
         period=(0.02 if planar else 0.005) if period is None else period,
         bandwidth=np.array(BANDWIDTH[joints]),
         inertia=np.diag(model.mass_matrix(posture, np.array([[typical, *n_moments * [0.0]]]))[0]).copy(),
-        torque_limit=machine.torque_limit_array[joints],
+        torque_limit=np.array(machine.limits.torque[joints]),
     )
     upper = np.array([HEAVIEST, *n_moments * [HEAVIEST * FARTHEST]])
     prior = PayloadPrior(initial=np.zeros_like(upper), lower=np.array([0.0, *-upper[1:]]), upper=upper)

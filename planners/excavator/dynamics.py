@@ -12,13 +12,8 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from planners.excavator.machine import EXCAVATOR, Excavator
-from planners.excavator.newton_euler import (
-    Chain,
-    mass_matrix_single,
-    regressor_single,
-    torque_single,
-)
+from planners.excavator.machine import EXCAVATOR, N_JOINTS, Excavator
+from planners.excavator.newton_euler import Chain, mass_matrix_single, regressor_single, torque_single
 from planners.typing import Array
 
 INERTIAL_PARAMETERS = 10
@@ -41,14 +36,13 @@ class ChainDynamics:
     @classmethod
     def of_excavator(cls, machine: Excavator = EXCAVATOR) -> ChainDynamics:
         """The five joints of an attachment; the tool is part of link 5."""
-        n, geometry = machine.n_joints, machine.geometry
-        alpha = geometry.alpha_array[:n]
+        a, d, alpha = (column[:N_JOINTS] for column in machine.geometry.table)
         bodies = [inertial_parameters(link.mass, np.array(link.com), np.diag(link.inertia)) for link in machine.links]
         return cls(
-            frames=np.stack([geometry.a_array[:n], geometry.d_array[:n], np.sin(alpha), np.cos(alpha)], axis=1),
+            frames=np.stack([a, d, np.sin(alpha), np.cos(alpha)], axis=1),
             gravity=np.array([0.0, 0.0, -machine.gravity]),
             inertia=np.array(bodies),
-            drives=np.array([(link.actuator_inertia, link.friction) for link in machine.links]),
+            drives=machine.drives,
         )
 
     @property
@@ -120,45 +114,29 @@ class PayloadModel:
 
 
 def inertial_parameters(mass: float, com: Array, inertia: Array) -> Array:
-    """The ten inertial parameters of a rigid body.
+    """The ten inertial parameters of a rigid body, see :mod:`planners.excavator.newton_euler`.
 
-    Args:
-        mass: kg.
-        com: its centre, ``(3,)``, m.
-        inertia: matrix about that centre, ``(3, 3)``, kg m^2.
-
-    Returns:
-        ``(10,)``: see :mod:`planners.excavator.newton_euler`.
+    ``inertia`` is the matrix ``(3, 3)`` about the centre ``com`` ``(3,)``, kg m^2 and m.
     """
     about_origin = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
     return np.concatenate([[mass], mass * com, about_origin[np.triu_indices(3)]])
 
 
 def payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
-    """The ball that the tool carries, as a load of link 5, ``(10,)``.
+    """The ball of ``mass`` kg that the tool carries, as a load of link 5, ``(10,)``.
 
-    Args:
-        mass: kg.
-        machine: the attachment.
-        offset: of its centre from `PayloadShape.com`, in the frame of link 5, m.
-
-    Raises:
-        ValueError: if the mass is negative or not finite.
+    ``offset`` is that of its centre from `PayloadShape.com`, in the frame of link 5, m. A mass that is negative or not
+    finite raises ValueError.
     """
     shape = machine.payload
     return inertial_parameters(mass, np.add(shape.com, offset), shape.gyration_square(mass) * mass * np.eye(3))
 
 
 def payload_basis(machine: Excavator = EXCAVATOR, moments: bool = False, typical_mass: float = 175.0) -> Array:
-    """Basis of an unknown payload's parameters: its mass and, with ``moments``, the shift of its centre.
+    """Basis ``(1, 10)`` of an unknown payload's mass; ``(4, 10)`` with its three first moments.
 
-    Args:
-        machine: the attachment.
-        moments: include the three first moments (mass times shift of the centre, kg m).
-        typical_mass: kg; the unit mass has the radius of gyration of a ball of this mass.
-
-    Returns:
-        ``(1, 10)`` or ``(4, 10)``.
+    These are the mass times the shift of its centre, kg m. The unit mass has the radius of gyration of a ball of
+    ``typical_mass`` kg.
     """
     mass = payload(typical_mass, machine) / typical_mass
     return np.vstack([mass, np.eye(INERTIAL_PARAMETERS)[1:4]]) if moments else mass[None]

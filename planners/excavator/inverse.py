@@ -23,17 +23,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from planners.excavator.kinematics import joint_angles
+from planners.excavator.kinematics import vectors
 from planners.excavator.machine import EXCAVATOR, JOINT_NAMES, N_JOINTS, Excavator
+from planners.excavator.newton_euler import Vector
 from planners.robot.kinematics import two_link_branch
 from planners.typing import Array
 
-BRANCH_NAMES = tuple(
-    ", ".join(names)
-    for names in itertools.product(
-        ("facing", "over the back"), ("bucket down", "bucket up"), ("elbow down", "elbow up")
-    )
-)
+_SIDES = ("facing", "over the back"), ("bucket down", "bucket up"), ("elbow down", "elbow up")
+BRANCH_NAMES = tuple(", ".join(names) for names in itertools.product(*_SIDES))
 """Names of the eight branches, in the order of the results.
 
 Shoulder: wrist in front of the slewing axis or behind it; bucket: sign of ``theta5``; elbow: sign of ``theta3``.
@@ -58,6 +55,9 @@ class IKStatus(enum.IntFlag):
     TOOL = 16
     """The tool would have to be mounted at another sixth angle (only with ``full_pose``)."""
 
+
+Target = tuple[Array, Array, Array]
+"""Position of the tip, direction of the tool and its x axis, ``(3,)`` each."""
 
 # numba takes plain integers
 _SHOULDER, _BUCKET, _ELBOW, _RANGE, _TOOL = (int(flag) for flag in IKStatus)
@@ -97,7 +97,7 @@ class Branches:
 
     def explain(self, target: int | tuple[int, ...] = ()) -> str:
         """One line for each branch of a target: its name, flags and joints out of range."""
-        limits = self.machine.angle_limit_array
+        limits = self.machine.limits.angle
         lines = []
         for name, code, q in zip(BRANCH_NAMES, self.status[target], self.q[target], strict=True):
             flags = IKStatus(int(code))
@@ -138,71 +138,47 @@ def inverse_kinematics(
         machine: the attachment.
 
     Raises:
-        ValueError: if a shape is wrong, a number is not finite, an axis is 0, ``tool_x`` is not at a right angle to the
-            axis, a weight is negative, or ``full_pose`` comes without ``tool_x``.
+        ValueError: if an argument has a wrong shape or value, or ``full_pose`` comes without ``tool_x``.
     """
     if full_pose and tool_x is None:
         raise ValueError("full_pose needs the whole orientation of the tool: give tool_x beside the axis")
     mode = _AXIS_ONLY if tool_x is None else _DEMAND_TOOL if full_pose else _REPORT_TOOL
-    tips = _vectors("tip", tip)
+    scale = np.ones(N_JOINTS) if weights is None else np.asarray(weights, dtype=float)
+    if scale.shape != (N_JOINTS,) or not (np.isfinite(scale) & (scale >= 0.0)).all():
+        raise ValueError(f"weights are {scale}; give {N_JOINTS} finite numbers that are not negative")
+    tips = _finite("tip", tip, 3)
     directions = _directions("axis", axis)
     sideways = directions if tool_x is None else _directions("tool_x", tool_x)
-    posture = np.zeros(N_JOINTS) if near is None else joint_angles(near)
-    _refuse_not_finite("near", posture)
+    posture = np.zeros(N_JOINTS) if near is None else _finite("near", near, N_JOINTS)
     shape = np.broadcast_shapes(tips.shape[:-1], directions.shape[:-1], sideways.shape[:-1], posture.shape[:-1])
     if tool_x is not None and np.abs(np.sum(directions * sideways, axis=-1)).max(initial=0.0) > _TOOL_TOLERANCE:
         raise ValueError("tool_x must be at a right angle to the axis: both belong to one rotation matrix")
 
-    q, theta6, status = _solve(
-        machine.geometry.kernel_array,
-        machine.angle_limit_array,
-        _rows(tips, shape),
-        _rows(directions, shape),
-        _rows(sideways, shape),
-        _rows(posture, shape),
-        mode,
-    )
-    distance = _weighted_distance(q, _rows(posture, shape), weights)
+    tips, directions, sideways, posture = (_rows(values, shape) for values in (tips, directions, sideways, posture))
+    limits = np.array(machine.limits.angle)
+    q, theta6, status = _solve(machine.geometry.kernel_array, limits, tips, directions, sideways, posture, mode)
+    distance = np.linalg.norm(scale * (q - posture[:, None, :]), axis=-1)
     distance[(status & ~_BUCKET) != 0] = np.inf
     nearest = np.where(np.isfinite(distance).any(axis=-1), np.argmin(distance, axis=-1), -1)
-    return Branches(
-        q.reshape(*shape, 8, N_JOINTS),
-        theta6.reshape(*shape, 8),
-        status.reshape(*shape, 8),
-        nearest.reshape(shape),
-        machine,
-    )
+    q, theta6, status = q.reshape(*shape, 8, N_JOINTS), theta6.reshape(*shape, 8), status.reshape(*shape, 8)
+    return Branches(q, theta6, status, nearest.reshape(shape), machine)
 
 
-def _weighted_distance(q: Array, posture: Array, weights: ArrayLike | None) -> Array:
-    scale = np.ones(N_JOINTS) if weights is None else np.asarray(weights, dtype=float)
-    if scale.shape != (N_JOINTS,) or not (np.isfinite(scale) & (scale >= 0.0)).all():
-        raise ValueError(f"weights are {scale}; give {N_JOINTS} finite numbers that are not negative")
-    distance: Array = np.linalg.norm(scale * (q - posture[:, None, :]), axis=-1)
-    return distance
-
-
-def _vectors(name: str, given: ArrayLike) -> Array:
-    vectors = np.asarray(given, dtype=float)
-    if vectors.ndim == 0 or vectors.shape[-1] != 3:
-        raise ValueError(f"{name} has shape {vectors.shape}; give (..., 3)")
-    _refuse_not_finite(name, vectors)
-    return vectors
+def _finite(name: str, given: ArrayLike, size: int) -> Array:
+    values = vectors(name, given, size)
+    bad = values[~np.isfinite(values)]
+    if bad.size:
+        raise ValueError(f"{name} must be finite; got {float(bad[0])}")
+    return values
 
 
 def _directions(name: str, given: ArrayLike) -> Array:
-    vectors = _vectors(name, given)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    values = _finite(name, given, 3)
+    length = np.linalg.norm(values, axis=-1, keepdims=True)
     if not (length > 0.0).all():
         raise ValueError(f"{name} has length 0; give a direction")
-    units: Array = vectors / length
+    units: Array = values / length
     return units
-
-
-def _refuse_not_finite(name: str, given: Array) -> None:
-    bad = given[~np.isfinite(given)]
-    if bad.size:
-        raise ValueError(f"{name} must be finite; got {float(bad[0])}")
 
 
 def _rows(values: Array, shape: tuple[int, ...]) -> Array:
@@ -294,12 +270,7 @@ def _solve_pair(
 
 @njit(cache=True, nogil=True)
 def _roll_and_pitch(
-    w: tuple[float, float, float],
-    x6: tuple[float, float, float],
-    mounted: float,
-    bucket: float,
-    free_pitch: float,
-    mode: int,
+    w: Vector, x6: Vector, mounted: float, bucket: float, free_pitch: float, mode: int
 ) -> tuple[float, float, int]:
     """``theta5``, ``theta234`` and the status, from the axes of the tool in frame 1.
 

@@ -1,7 +1,8 @@
 """Forward kinematics of the excavator attachment, frames, Jacobian and its singularities.
 
 Source: "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator" (2019),
-section 2. The pose is that of frame 6 at the tip of the tool in frame 0: origin ``tip`` and z axis ``axis``.
+section 2. The pose is that of frame 6 at the tip of the tool in frame 0: origin ``tip`` and z axis ``axis``. Joint
+angles ``q`` are ``(..., 5)``, rad; another number of angles raises ValueError.
 """
 
 from __future__ import annotations
@@ -15,19 +16,11 @@ from planners.typing import Array
 
 
 def forward_kinematics(q: ArrayLike, machine: Excavator = EXCAVATOR) -> tuple[Array, Array]:
-    """Pose of the tool: the product (2-1) of the paper, multiplied out as in (2-2).
+    """Position of the tip, m, and unit vector along the tool, ``(..., 3)`` each, for ``q`` of ``(..., 5)``, rad.
 
-    Args:
-        q: joint angles, ``(..., 5)``, rad.
-        machine: the attachment.
-
-    Returns:
-        Position of the tip, ``(..., 3)``, m, and the unit vector along the tool, ``(..., 3)``.
-
-    Raises:
-        ValueError: if ``q`` is not five angles.
+    The product (2-1) of the paper, multiplied out as in (2-2). Another number of angles raises ValueError.
     """
-    angles = joint_angles(q)
+    angles = vectors("q", q, N_JOINTS)
     rows = np.ascontiguousarray(angles.reshape(-1, N_JOINTS))
     tip, axis = _tip_and_axis(machine.geometry.kernel_array, rows)
     shape = (*angles.shape[:-1], 3)
@@ -35,27 +28,19 @@ def forward_kinematics(q: ArrayLike, machine: Excavator = EXCAVATOR) -> tuple[Ar
 
 
 def frames(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
-    """Every frame of the chain in frame 0, ``(..., 7, 4, 4)``: the base, those behind the five joints, and the tip.
-
-    Args:
-        q: joint angles, ``(..., 5)``, rad.
-        machine: the attachment.
-
-    Raises:
-        ValueError: if ``q`` is not five angles.
-    """
-    angles = joint_angles(q)
-    geometry = machine.geometry
-    tool = np.full((*angles.shape[:-1], 1), geometry.theta6)
+    """Every frame of the chain in frame 0, ``(..., 7, 4, 4)``: the base, those behind the five joints, and the tip."""
+    angles = vectors("q", q, N_JOINTS)
+    tool = np.full((*angles.shape[:-1], 1), machine.geometry.theta6)
     theta = np.concatenate([angles, tool], axis=-1)
-    sin_alpha, cos_alpha = np.sin(geometry.alpha_array), np.cos(geometry.alpha_array)
+    a, d, alpha = machine.geometry.table
+    sin_alpha, cos_alpha = np.sin(alpha), np.cos(alpha)
     steps = np.zeros((*theta.shape, 4, 4))  # T(z, d) T(z, theta) T(x, a) T(x, alpha)
     steps[..., 0, 0], steps[..., 1, 0] = np.cos(theta), np.sin(theta)
     steps[..., 0, 1], steps[..., 1, 1] = -np.sin(theta) * cos_alpha, np.cos(theta) * cos_alpha
     steps[..., 0, 2], steps[..., 1, 2] = np.sin(theta) * sin_alpha, -np.cos(theta) * sin_alpha
     steps[..., 2, 1], steps[..., 2, 2] = sin_alpha, cos_alpha
-    steps[..., 0, 3], steps[..., 1, 3] = geometry.a_array * np.cos(theta), geometry.a_array * np.sin(theta)
-    steps[..., 2, 3] = geometry.d_array
+    steps[..., 0, 3], steps[..., 1, 3] = a * np.cos(theta), a * np.sin(theta)
+    steps[..., 2, 3] = d
     steps[..., 3, 3] = 1.0
     chain = [np.broadcast_to(np.eye(4), (*angles.shape[:-1], 4, 4))]
     for joint in range(theta.shape[-1]):
@@ -64,19 +49,10 @@ def frames(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
 
 
 def jacobian(q: ArrayLike, machine: Excavator = EXCAVATOR, *, tool_joint: bool = False) -> Array:
-    """Geometric Jacobian of the tip in frame 0.
+    """Geometric Jacobian of the tip in frame 0, ``(..., 6, 5)``; column i is ``(z x (tip - o), z)`` of frame ``i - 1``.
 
-    Args:
-        q: joint angles, ``(..., 5)``, rad.
-        machine: the attachment.
-        tool_joint: also the column of a turn about the tool's own axis, the sixth angle of the paper.
-
-    Returns:
-        ``(..., 6, 5)``, or ``(..., 6, 6)`` with ``tool_joint``: the first three rows are the velocity of the tip, m,
-        the last three the angular velocity of the tool; column i is ``(z x (tip - o), z)`` of frame ``i - 1``.
-
-    Raises:
-        ValueError: if ``q`` is not five angles.
+    The first three rows are the velocity of the tip, m, the last three the angular velocity of the tool. With
+    ``tool_joint`` a sixth column is the turn about the tool's own axis, the sixth angle of the paper.
     """
     chain = frames(q, machine)
     before = chain[..., : N_JOINTS + tool_joint, :, :]
@@ -90,15 +66,8 @@ def jacobian_determinant(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
 
     ``x1 . p`` is the distance of the wrist in front of the slewing axis. Singular are the elbow straight or folded, the
     tool along the wrist's joint axis, and the wrist beside the slewing axis.
-
-    Args:
-        q: joint angles, ``(..., 5)``, rad.
-        machine: the attachment.
-
-    Raises:
-        ValueError: if ``q`` is not five angles.
     """
-    angles = joint_angles(q)
+    angles = vectors("q", q, N_JOINTS)
     geometry = machine.geometry
     boom, arm, wrist = np.moveaxis(np.cumsum(angles[..., 1:4], axis=-1), -1, 0)
     front = geometry.a2 * np.cos(boom) + geometry.a3 * np.cos(arm) + geometry.d5 * np.sin(wrist)
@@ -106,16 +75,12 @@ def jacobian_determinant(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
     return determinant
 
 
-def joint_angles(q: ArrayLike) -> Array:
-    """``q`` as an array ``(..., 5)``.
-
-    Raises:
-        ValueError: if it is not five angles.
-    """
-    angles = np.asarray(q, dtype=float)
-    if angles.ndim == 0 or angles.shape[-1] != N_JOINTS:
-        raise ValueError(f"joint angles have shape {angles.shape}; give (..., {N_JOINTS})")
-    return angles
+def vectors(name: str, given: ArrayLike, size: int) -> Array:
+    """``given`` as an array ``(..., size)``; ValueError if it has another shape."""
+    values = np.asarray(given, dtype=float)
+    if values.ndim == 0 or values.shape[-1] != size:
+        raise ValueError(f"{name} has shape {values.shape}; give (..., {size})")
+    return values
 
 
 @njit(cache=True, nogil=True)

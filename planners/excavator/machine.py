@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.checks import require_finite, require_vector
 from planners.robot.arm import JointLimits
 from planners.typing import Array
 
@@ -26,16 +27,15 @@ JOINT_NAMES = ("slew", "boom", "arm", "wrist", "roll")
 
 @dataclass(frozen=True)
 class ChainGeometry:
-    """Denavit-Hartenberg parameters, named as in the paper (section 2): frame ``i`` is ``T(z, d) T(z, theta) T(x, a)
-    T(x, alpha)`` from frame ``i - 1``; alpha is 90, 0, 0, 90, -90, 0 degrees; all else is 0.
+    """Denavit-Hartenberg parameters, named as in the paper (section 2).
+
+    Frame ``i`` is ``T(z, d) T(z, theta) T(x, a) T(x, alpha)`` from frame ``i - 1``.
 
     Attributes:
         d1: height of the boom's joint above the base, m.
-        a2: length of the boom, m.
-        a3: length of the arm, m.
+        a2, a3: length of the boom and of the arm, m.
         d4: lateral offset of the wrist from the plane of the boom, m.
-        d5: from the wrist's joint axis to the centre of the roll joint, m.
-        d6: from there to the tip of the tool, m.
+        d5, d6: from the wrist's joint axis to the centre of the roll joint, and from there to the tip of the tool, m.
         theta6: constant angle of the tool about its own axis, rad.
     """
 
@@ -51,26 +51,14 @@ class ChainGeometry:
         for spec in fields(self):
             value = float(getattr(self, spec.name))
             object.__setattr__(self, spec.name, value)
-            if not math.isfinite(value):
-                raise ValueError(f"{spec.name} is {value}; it must be finite")
-        for name in ("a2", "a3", "d6"):
-            if getattr(self, name) <= 0.0:
-                raise ValueError(f"{name} is {getattr(self, name)} m; it must be positive")
+            require_finite(spec.name, value, sign="positive" if spec.name in ("a2", "a3", "d6") else "")
 
     @cached_property
-    def d_array(self) -> Array:
-        """Offsets along z of the six frames, ``(6,)``, m."""
-        return np.array([self.d1, 0.0, 0.0, self.d4, self.d5, self.d6])
-
-    @cached_property
-    def a_array(self) -> Array:
-        """Lengths along x of the six frames, ``(6,)``, m."""
-        return np.array([0.0, self.a2, self.a3, 0.0, 0.0, 0.0])
-
-    @cached_property
-    def alpha_array(self) -> Array:
-        """Twists about x of the six frames, ``(6,)``, rad."""
-        return np.radians([90.0, 0.0, 0.0, 90.0, -90.0, 0.0])
+    def table(self) -> tuple[Array, Array, Array]:
+        """``a`` (m), ``d`` (m) and ``alpha`` (rad) of the six frames, each ``(6,)``."""
+        a = np.array([0.0, self.a2, self.a3, 0.0, 0.0, 0.0])
+        d = np.array([self.d1, 0.0, 0.0, self.d4, self.d5, self.d6])
+        return a, d, np.radians([90.0, 0.0, 0.0, 90.0, -90.0, 0.0])
 
     @cached_property
     def kernel_array(self) -> Array:
@@ -97,15 +85,11 @@ class Link:
     friction: float
 
     def __post_init__(self) -> None:
-        numbers = {"mass": self.mass, "actuator_inertia": self.actuator_inertia, "friction": self.friction}
-        for name, value in numbers.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} of a link is {value}; it must be finite and not negative")
+        for name in ("mass", "actuator_inertia", "friction"):
+            require_finite(f"{name} of a link", getattr(self, name), sign="not negative")
         for name in ("com", "inertia"):
-            vector = tuple(float(value) for value in getattr(self, name))
-            object.__setattr__(self, name, vector)
-            if len(vector) != 3 or not all(math.isfinite(value) for value in vector):
-                raise ValueError(f"{name} of a link is {vector}; give three finite numbers")
+            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+            require_vector(f"{name} of a link", getattr(self, name), 3)
         if min(self.inertia) < 0.0 or 2.0 * max(self.inertia) > sum(self.inertia) * (1.0 + 1e-12):
             raise ValueError(f"no rigid body has moments {self.inertia} kg m^2: each is at most the sum of the others")
 
@@ -126,40 +110,26 @@ class PayloadShape:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "com", tuple(float(value) for value in self.com))
-        if len(self.com) != 3 or not all(math.isfinite(value) for value in self.com):
-            raise ValueError(f"com of a payload is {self.com}; give three finite numbers")
-        for name, unit in (("density", "kg/m^3"), ("rated_load", "kg")):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} {value} {unit} must be finite and positive")
+        require_vector("com of a payload", self.com, 3)
+        require_finite("density", self.density, "kg/m^3", "positive")
+        require_finite("rated_load", self.rated_load, "kg", "positive")
 
     def mass(self, percent: float) -> float:
         """Mass of a payload of ``percent`` of the rated load, kg."""
         return self.rated_load * percent / 100.0
 
     def gyration_square(self, mass: float) -> float:
-        """Moment of inertia per kg about the centre of a ball of ``mass`` kg, ``2 r^2 / 5``, m^2.
-
-        Raises:
-            ValueError: if the mass is negative or not finite.
-        """
-        if not (math.isfinite(mass) and mass >= 0.0):
-            raise ValueError(f"payload mass {mass} kg must be finite and not negative")
+        """Moment of inertia per kg about the centre of a ball of ``mass`` kg, ``2 r^2 / 5``, m^2."""
+        require_finite("payload mass", mass, "kg", "not negative")
         radius = math.cbrt(3.0 * mass / (4.0 * math.pi * self.density))
         return 0.4 * radius**2
 
 
 @dataclass(frozen=True)
 class Excavator:
-    """An attachment of five joints and a tool.
+    """An attachment of five joints and a tool; gravity acts along -z, m/s^2.
 
-    Attributes:
-        name: for messages and tables.
-        geometry: lengths and offsets of the chain.
-        links: the five links, from the slewing house to the rolling bucket.
-        limits: torque, speed and angle of the five joints; every joint turns symmetrically about 0.
-        payload: its place, density and rated load.
-        gravity: along -z, m/s^2.
+    The links go from the slewing house to the rolling bucket; limits are those of torque, speed and angle.
     """
 
     name: str
@@ -176,28 +146,12 @@ class Excavator:
                 f"{self.name}: {len(self.links)} links and limits of {len(self.limits.torque)} joints; "
                 f"the chain has {N_JOINTS} of both"
             )
-        if not math.isfinite(self.gravity):
-            raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints, 5: the tool's sixth angle is constant."""
-        return N_JOINTS
+        require_finite(f"{self.name}: gravity", self.gravity)
 
     @cached_property
-    def friction_array(self) -> Array:
-        """Viscous friction of the joints, ``(5,)``, N m s/rad."""
-        return np.array([link.friction for link in self.links])
-
-    @cached_property
-    def torque_limit_array(self) -> Array:
-        """Largest absolute joint torques, ``(5,)``, N m."""
-        return np.array(self.limits.torque)
-
-    @cached_property
-    def angle_limit_array(self) -> Array:
-        """Largest absolute joint angles, ``(5,)``, rad."""
-        return np.array(self.limits.angle)
+    def drives(self) -> Array:
+        """Inertia (kg m^2) and viscous friction (N m s/rad) of each joint's drive, ``(5, 2)``."""
+        return np.array([(link.actuator_inertia, link.friction) for link in self.links])
 
 
 EXCAVATOR = Excavator(

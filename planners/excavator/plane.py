@@ -21,7 +21,6 @@ JOINTS = slice(1, 4)
 """The moving joints."""
 
 HELD_ROLL = math.radians(90.0)
-
 NO_LENGTH = 1e-3
 """Length of the bucket in `planar_arm`, m; an `Arm` refuses 0."""
 
@@ -83,14 +82,8 @@ def planar_bodies(machine: Excavator = EXCAVATOR) -> PlanarBodies:
     coms[:, 0] += dynamics.frames[:, 0]
     tool = _on_bucket_frame(machine)
     tip, ball = tool @ [0.0, 0.0, machine.geometry.d6, 1.0], tool @ [*machine.payload.com, 1.0]
-    return PlanarBodies(
-        masses=masses,
-        coms=coms,
-        inertias=inertias,
-        lengths=dynamics.frames[:-1, 0].copy(),
-        tip=np.array([tip[0], -tip[2]]),
-        payload_com=np.array([ball[0], -ball[2]]),
-    )
+    lengths = dynamics.frames[:-1, 0].copy()
+    return PlanarBodies(masses, coms, inertias, lengths, tip[[0, 2]] * [1.0, -1.0], ball[[0, 2]] * [1.0, -1.0])
 
 
 def planar_arm(machine: Excavator = EXCAVATOR) -> Arm:
@@ -116,15 +109,10 @@ def planar_arm(machine: Excavator = EXCAVATOR) -> Arm:
 
 
 def planar_payload(mass: float, machine: Excavator = EXCAVATOR, offset: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """A payload as a load of the bucket, ``(10,)``.
+    """A payload of ``mass`` kg as a load of the bucket, ``(10,)``.
 
-    Args:
-        mass: kg.
-        machine: the attachment.
-        offset: of its centre from the nominal one, in the frame of the bucket, m.
-
-    Raises:
-        ValueError: if the mass is negative or not finite.
+    ``offset`` is that of its centre from the nominal one, in the frame of the bucket, m. A mass that is negative or not
+    finite raises ValueError.
     """
     x, y, z = _on_bucket_frame(machine)[:3, :3].T @ [offset[0], 0.0, -offset[1]]
     load: Array = on_bucket(payload(mass, machine, (x, y, z))[None], machine)[0]

@@ -27,14 +27,15 @@ class Plant:
     """The simulated arms, one a row.
 
     Attributes:
-        dynamics: common to all.
+        frames, gravity: of all, see :mod:`planners.excavator.newton_euler`.
         inertia: inertial parameters of their links, payload included, ``(batch, n, 10)``.
         drives: inertia and friction of their joints, ``(batch, n, 2)``.
         lag: time constant of their actuators, ``(batch,)``, s; 0 for none.
         noise: standard deviations of measured angle and velocity, ``(batch, 2)``, rad and rad/s.
     """
 
-    dynamics: ChainDynamics
+    frames: Array
+    gravity: Array
     inertia: Array
     drives: Array
     lag: Array
@@ -46,33 +47,28 @@ class Plant:
         dynamics: ChainDynamics,
         load: Array,
         *,
-        link_scale: Array | None = None,
+        link_scale: Array | float = 1.0,
         friction_scale: Array | float = 1.0,
         lag: Array | float = 0.0,
         noise: tuple[float, float] | Array = (0.0, 0.0),
     ) -> Plant:
-        """Arms that carry loads ``(batch, 10)``.
+        """Arms that carry loads ``(batch, 10)`` in the frame of the last link.
 
         Args:
             dynamics: of the arm without load.
-            load: inertial parameters of the loads, in the frame of the last link.
-            link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(batch, n)``; 1 when left out.
+            load: inertial parameters of the loads.
+            link_scale: factor on mass and inertia of every link, ``(n,)`` or ``(batch, n)``.
             friction_scale: factor on the friction, a number or ``(batch,)``.
             lag, noise: see the class; a single value holds for all rows.
         """
         rows, n = len(load), dynamics.n_joints
-        scale = np.broadcast_to(1.0 if link_scale is None else link_scale, (rows, n))
-        inertia = dynamics.inertia * scale[..., None]
+        inertia = dynamics.inertia * np.broadcast_to(link_scale, (rows, n))[..., None]
         inertia[:, -1] += load
         drives = np.broadcast_to(dynamics.drives, (rows, n, 2)).copy()
         drives[..., 1] *= np.broadcast_to(friction_scale, rows)[:, None]
-        return cls(
-            dynamics=dynamics,
-            inertia=inertia,
-            drives=drives,
-            lag=np.broadcast_to(np.asarray(lag, dtype=float), rows).copy(),
-            noise=np.broadcast_to(np.asarray(noise, dtype=float), (rows, 2)).copy(),
-        )
+        lags = np.broadcast_to(np.asarray(lag, dtype=float), rows).copy()
+        noises = np.broadcast_to(np.asarray(noise, dtype=float), (rows, 2)).copy()
+        return cls(dynamics.frames, dynamics.gravity, inertia, drives, lags, noises)
 
     @property
     def rows(self) -> int:
@@ -81,9 +77,9 @@ class Plant:
 
     def advance(self, q: Array, qd: Array, applied: Array, command: Array, period: float) -> None:
         """Advance states and ``applied`` torques, ``(batch, n)``, in place by a period (s) under ``command``."""
-        common = (self.dynamics.frames, self.dynamics.gravity)
         steps = math.ceil(period / STEP - 1e-9)
-        _advance(common, self.inertia, self.drives, self.lag, q, qd, applied, command, period / steps, steps)
+        arms = (self.frames, self.gravity, self.inertia, self.drives)
+        _advance(arms, self.lag, q, qd, applied, command, period / steps, steps)
 
 
 @dataclass(frozen=True)
@@ -118,13 +114,8 @@ def simulate(
 ) -> Run:
     """Follow a cycle several times, starting at rest on it with the payload.
 
-    Args:
-        controller: with as many rows as the plant; it keeps its memory.
-        plant: the arms.
-        cycle: the desired motion.
-        cycles: number of repetitions.
-        seed: of the measurement noise, which is the same in every row.
-        progress: called after every cycle.
+    The controller keeps its memory. The measurement noise is the same in every row. ``progress`` is called after every
+    cycle.
 
     Raises:
         ValueError: if controller and plant differ in rows, or the period of control does not divide the cycle.
@@ -137,7 +128,7 @@ def simulate(
         raise ValueError(f"a control period of {period} s does not divide a cycle of {cycle.period} s")
     t: Array = np.arange(samples, dtype=np.float64) * period
     q_d, qd_d, qdd_d = cycle.sample(t)
-    shape, rng = (plant.rows, plant.dynamics.n_joints), np.random.default_rng(seed)
+    shape, rng = plant.inertia.shape[:2], np.random.default_rng(seed)
     q, qd = np.tile(q_d[0], (plant.rows, 1)), np.zeros(shape)
     applied = np.full(shape, np.nan)
     angles, speeds, torques = np.empty((3, samples, *shape))
@@ -155,23 +146,14 @@ def simulate(
         plant.advance(q, qd, applied, tau, period)
         if (k + 1) % (samples // cycles) == 0:
             progress()
-    return Run(t=t, q=angles, qd=speeds, q_d=q_d, qd_d=qd_d, tau=torques, mass=masses)
+    return Run(t, angles, speeds, q_d, qd_d, torques, masses)
 
 
 @njit(cache=True, nogil=True)
 def _advance(
-    common: tuple[Array, Array],
-    inertia: Array,
-    drives: Array,
-    lag: Array,
-    q: Array,
-    qd: Array,
-    applied: Array,
-    command: Array,
-    step: float,
-    steps: int,
+    arms: Chain, lag: Array, q: Array, qd: Array, applied: Array, command: Array, step: float, steps: int
 ) -> None:
-    frames, gravity = common
+    frames, gravity, inertia, drives = arms
     for row in range(q.shape[0]):
         chain = (frames, gravity, inertia[row], drives[row])
         for _ in range(steps):

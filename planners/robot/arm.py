@@ -10,21 +10,14 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.checks import require_finite, require_vector
 from planners.robot import clearance, dynamics, kinematics
 from planners.typing import Array
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Symmetric limits of every joint; ``inf`` means no limit.
-
-    Attributes:
-        torque: N m.
-        velocity: rad/s.
-        acceleration: rad/s^2.
-        jerk: rad/s^3.
-        angle: largest absolute joint angle, rad.
-    """
+    """Symmetric limits of every joint in N m, rad/s, rad/s^2, rad/s^3 and rad; ``inf`` means no limit."""
 
     torque: tuple[float, ...]
     velocity: tuple[float, ...] = ()
@@ -49,30 +42,24 @@ class JointLimits:
 
     def scaled(self, factor: float) -> JointLimits:
         """Torque, velocity, acceleration and jerk limits times ``factor``; joint angles keep theirs."""
-        return replace(
-            self,
-            torque=tuple(factor * value for value in self.torque),
-            velocity=tuple(factor * value for value in self.velocity),
-            acceleration=tuple(factor * value for value in self.acceleration),
-            jerk=tuple(factor * value for value in self.jerk),
-        )
+        kinds = (self.torque, self.velocity, self.acceleration, self.jerk)
+        torque, velocity, acceleration, jerk = (tuple(factor * value for value in values) for values in kinds)
+        return JointLimits(torque, velocity, acceleration, jerk, self.angle)
 
 
 @dataclass(frozen=True)
 class Arm:
     """A planar chain of revolute joints.
 
-    ``q = 0`` is the arm stretched along +x; angles are relative and counter-clockwise; gravity acts along -y
-    (0 for an arm that moves in the horizontal plane).
+    ``q = 0`` is the arm stretched along +x; angles are relative and counter-clockwise.
 
     Attributes:
         name: for messages and tables.
-        lengths: link lengths, m.
-        masses: link masses, kg.
+        lengths, masses: of the links, m and kg.
         limits: of the joints.
         coms: distance of each link's centre of mass from its own joint, m; half the length when left out.
         inertias: moment of inertia about each centre of mass, kg m^2; a uniform rod's (m l^2 / 12) when left out.
-        gravity: m/s^2.
+        gravity: along -y, m/s^2; 0 in the horizontal plane.
         base: position of the first joint, m.
         link_radius: of every link, a capsule around the line between its joints, m; for clearances only.
     """
@@ -114,12 +101,9 @@ class Arm:
                 raise ValueError(f"{self.name}: link {link} has com 0 and inertia 0; one of them must be positive")
         if len(self.limits.torque) != n:
             raise ValueError(f"{self.name}: limits are given for {len(self.limits.torque)} joints, the arm has {n}")
-        if not math.isfinite(self.gravity):
-            raise ValueError(f"{self.name}: gravity {self.gravity} must be finite")
-        if len(self.base) != 2 or not all(math.isfinite(value) for value in self.base):
-            raise ValueError(f"{self.name}: base {self.base} must be two finite numbers")
-        if not (math.isfinite(self.link_radius) and self.link_radius >= 0.0):
-            raise ValueError(f"{self.name}: link_radius {self.link_radius} must be finite and not negative")
+        require_finite(f"{self.name}: gravity", self.gravity)
+        require_vector(f"{self.name}: base", self.base, 2)
+        require_finite(f"{self.name}: link_radius", self.link_radius, "m", "not negative")
 
     @property
     def n_joints(self) -> int:
@@ -150,13 +134,8 @@ class Arm:
         return coupling, self.gravity * static_moments
 
     def with_payload(self, mass: float) -> Arm:
-        """The same arm holding a point mass (kg) at its hand.
-
-        Raises:
-            ValueError: if the mass is negative or not finite.
-        """
-        if not (math.isfinite(mass) and mass >= 0.0):
-            raise ValueError(f"payload mass {mass} kg must be finite and not negative")
+        """The same arm holding a point mass (kg) at its hand; ValueError if it is negative or not finite."""
+        require_finite("payload mass", mass, "kg", "not negative")
         if mass == 0.0:
             return self
         link, com, length = self.masses[-1], self.coms[-1], self.lengths[-1]
@@ -201,32 +180,24 @@ class Arm:
         target = np.asarray(hand, dtype=float)
         if target.ndim not in (1, 2) or target.shape[-1] != 2:
             raise ValueError(f"hand position has shape {target.shape}; give (2,) or (batch, 2)")
-        rows = np.atleast_2d(target)
-        if self.n_joints == 2:
-            if orientation is not None:
-                raise ValueError("two links cannot choose the orientation of the hand; leave it out")
+        n, rows = self.n_joints, np.atleast_2d(target)
+        if n not in (2, 3):
+            raise ValueError(f"closed-form inverse kinematics covers two and three links; {self.name} has {n}")
+        if n == 2 and orientation is not None:
+            raise ValueError("two links cannot choose the orientation of the hand; leave it out")
+        if n == 3 and orientation is None:
+            raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
+        if orientation is None:
             q = kinematics.two_link_inverse(self.length_array, self.base_array, rows)
-        elif self.n_joints == 3:
-            if orientation is None:
-                raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
+        else:
             angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(rows))
             q = kinematics.three_link_inverse(self.length_array, self.base_array, rows, angles)
-        else:
-            raise ValueError(
-                f"closed-form inverse kinematics covers two and three links; {self.name} has {self.n_joints}"
-            )
         return q[0] if target.ndim == 1 else q
 
     def clearance(self, q: ArrayLike, position: ArrayLike, radius: float) -> Array:
         """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
 
-        Args:
-            q: joint angles, ``(n,)`` or ``(batch, n)``, rad.
-            position: centre of the disc, ``(2,)`` or ``(batch, 2)``, m.
-            radius: of the disc, m.
-
-        Returns:
-            A number, or ``(batch,)``.
+        A number, or ``(batch,)`` for ``q`` of ``(batch, n)``. The centre of the disc is ``(2,)`` or ``(batch, 2)``, m.
         """
         center = np.asarray(position, dtype=float)
 

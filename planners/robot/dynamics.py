@@ -17,16 +17,9 @@ from planners.typing import Array
 
 
 def chain_constants(lengths: Array, masses: Array, coms: Array, inertias: Array) -> tuple[Array, Array]:
-    """Coupling matrix and static moments of a chain.
+    """Coupling matrix ``a``, ``(n, n)``, kg m^2, and static moments ``b``, ``(n,)``, kg m, of a chain.
 
-    Args:
-        lengths: link lengths, ``(n,)``, m.
-        masses: link masses, ``(n,)``, kg.
-        coms: distance of each centre of mass from the link's own joint, ``(n,)``, m.
-        inertias: moment of inertia of each link about its centre of mass, ``(n,)``, kg m^2.
-
-    Returns:
-        Coupling matrix ``a``, ``(n, n)``, kg m^2, and static moments ``b``, ``(n,)``, kg m.
+    The arguments are ``(n,)``, as the attributes of `planners.robot.arm.Arm`.
     """
     n = len(lengths)
     # lever[k, i]: derivative of link k's centre of mass by link i's direction

@@ -1,7 +1,7 @@
 """Kinematics of a planar chain of revolute joints: forward, Jacobian, and the closed-form inverse.
 
-Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Everything is batched,
-arrays of shape ``(batch, n)``; :class:`planners.robot.arm.Arm` offers the same for a single ``(n,)``.
+Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Arrays are ``(batch, n)``;
+:class:`planners.robot.arm.Arm` offers the same for a single ``(n,)``.
 """
 
 from __future__ import annotations
@@ -13,11 +13,7 @@ from planners.typing import Array
 
 
 class UnreachableTarget(ValueError):
-    """A hand position that no joint angles reach.
-
-    Attributes:
-        rows: indices of the targets that cannot be reached.
-    """
+    """A hand position that no joint angles reach; ``rows`` are the indices of such targets."""
 
     def __init__(self, message: str, rows: tuple[int, ...]) -> None:
         super().__init__(message)
@@ -103,15 +99,9 @@ def _two_link_branches(lengths: Array, base: Array, hand: Array) -> Array:
 
 
 def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
-    """Both elbow branches of a two-link arm (see `two_link_branch`).
+    """Both elbow branches (see `two_link_branch`) of hand positions ``(batch, 2)``, m: ``(batch, 2, 2)``, rad.
 
-    Args:
-        lengths: link lengths, ``(2,)``, m.
-        base: position of the first joint, ``(2,)``, m.
-        hand: hand positions, ``(batch, 2)``, m.
-
-    Returns:
-        Joint angles ``(batch, 2, 2)``: branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
+    Branch 0 has ``q2 >= 0`` (elbow +), branch 1 has ``q2 <= 0`` (elbow -).
 
     Raises:
         UnreachableTarget: if a target lies outside the annulus the arm reaches.
@@ -132,16 +122,7 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
 
 
 def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Array) -> Array:
-    """Both elbow branches of a three-link arm whose last link points along ``orientation``.
-
-    Args:
-        lengths: link lengths, ``(3,)``, m.
-        base: position of the first joint, ``(2,)``, m.
-        hand: hand positions, ``(batch, 2)``, m.
-        orientation: absolute angle of the last link, ``(batch,)``, rad.
-
-    Returns:
-        Joint angles ``(batch, 2, 3)``: branch 0 has ``q2 >= 0``, branch 1 has ``q2 <= 0``.
+    """As `two_link_inverse`, ``(batch, 2, 3)``, for three links, the last at the absolute angles ``(batch,)``, rad.
 
     Raises:
         UnreachableTarget: if the wrist lies outside the reach of the first two links.

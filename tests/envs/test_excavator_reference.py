@@ -49,7 +49,7 @@ def test_what_is_drawn_can_be_done(seed: int) -> None:
     load = np.tile(planar_payload(350.0), (len(q), 1))
     torque = planar_dynamics().torque(q, qd, qd, qdd, load)
     # 17 samples of a way are looked at, between two of which the torque may be a little higher
-    assert (np.abs(torque) / EXCAVATOR.torque_limit_array[JOINTS]).max() < 0.86
+    assert (np.abs(torque) / np.array(EXCAVATOR.limits.torque)[JOINTS]).max() < 0.86
     assert (np.abs(qd) / np.array(EXCAVATOR.limits.velocity[JOINTS])).max() <= 0.85 + 1e-9
 
 

@@ -32,7 +32,7 @@ from planners.excavator.simulation import Plant, Run, simulate
 from planners.typing import Array
 
 DYNAMICS = ChainDynamics.of_excavator()
-N = EXCAVATOR.n_joints
+N = len(EXCAVATOR.links)
 NAMES = (*FIXED, *ADAPTIVE)
 POSTURE = WORK_CYCLE.postures[:1]
 
@@ -239,7 +239,7 @@ def test_the_memory_is_all_that_a_controller_carries(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_to_ask_what_is_wanted_teaches_nothing(name: str) -> None:
-    controller, limit = make_controller(name), EXCAVATOR.torque_limit_array
+    controller, limit = make_controller(name), np.array(EXCAVATOR.limits.torque)
     for sample in np.random.default_rng(0).normal(0.0, 0.05, (10, 5, 1, N)) + POSTURE:
         before = controller.memory
         wanted = controller.unlimited_torque(*sample)
@@ -254,8 +254,8 @@ def test_nothing_winds_up_at_the_torque_limit(name: str) -> None:
     stuck, still = POSTURE - np.array([1.5, 0.0, 0.0, 0.0, 0.0]), np.zeros((1, N))
     for _ in range(2000):
         tau = controller.torque(stuck, still, POSTURE, still, still)
-        assert tau[0, 0] == EXCAVATOR.torque_limit_array[0]
-        assert (np.abs(tau) <= EXCAVATOR.torque_limit_array).all()
+        assert tau[0, 0] == EXCAVATOR.limits.torque[0]
+        assert (np.abs(tau) <= np.array(EXCAVATOR.limits.torque)).all()
     after, first = (one.torque(POSTURE, still, POSTURE, still, still) for one in (controller, fresh))
     np.testing.assert_array_equal(after, first)
 
@@ -331,9 +331,9 @@ def test_the_work_cycle_is_smooth_and_comes_back() -> None:
 def test_a_loaded_work_cycle_is_within_the_machines_limits() -> None:
     q, qd, qdd = WORK_CYCLE.sample(np.linspace(0.0, 8.0, 801))
     tau = DYNAMICS.torque(q, qd, qd, qdd, np.tile(payload(350.0), (len(q), 1)))
-    assert (np.abs(tau) / EXCAVATOR.torque_limit_array).max() == pytest.approx(0.95, abs=0.01)
+    assert (np.abs(tau) / np.array(EXCAVATOR.limits.torque)).max() == pytest.approx(0.95, abs=0.01)
     assert (np.abs(qd) <= np.array(EXCAVATOR.limits.velocity)).all()
-    assert (np.abs(q) <= EXCAVATOR.angle_limit_array).all()
+    assert (np.abs(q) <= np.array(EXCAVATOR.limits.angle)).all()
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02])
@@ -344,7 +344,7 @@ def test_the_plant_moves_as_its_equations_say(lag: float) -> None:
     true = replace(DYNAMICS, drives=DYNAMICS.drives * friction)
     q, qd = POSTURE.copy(), np.full((1, N), 0.2)
     held = DYNAMICS.torque(q, qd, qd, np.full((1, N), 0.5))
-    command = held + 0.1 * EXCAVATOR.torque_limit_array
+    command = held + 0.1 * np.array(EXCAVATOR.limits.torque)
 
     def rates(t: float, y: Array) -> Array:
         tau = command + (held - command) * np.exp(-t / lag) if lag else command

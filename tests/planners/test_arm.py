@@ -56,8 +56,8 @@ def test_presets_are_the_arms_of_the_papers() -> None:
         ({"limits": JointLimits.unlimited(3)}, "limits are given for 3 joints, the arm has 2"),
         ({"gravity": math.inf}, "gravity inf must be finite"),
         ({"gravity": math.nan}, "gravity nan must be finite"),
-        ({"base": (0.0, math.nan)}, r"base \(0.0, nan\) must be two finite numbers"),
-        ({"base": (0.0, 0.0, 0.0)}, r"base \(0.0, 0.0, 0.0\) must be two finite numbers"),
+        ({"base": (0.0, math.nan)}, r"base \(0.0, nan\) must be 2 finite numbers"),
+        ({"base": (0.0, 0.0, 0.0)}, r"base \(0.0, 0.0, 0.0\) must be 2 finite numbers"),
     ],
 )
 def test_impossible_arms_are_refused_by_value(changes: dict[str, Any], message: str) -> None:

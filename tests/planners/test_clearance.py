@@ -48,5 +48,5 @@ def test_environments_agree_with_single_postures_on_any_arm() -> None:
 
 
 def test_a_link_radius_that_is_none_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"link_radius -0\.1 must be finite and not negative"):
+    with pytest.raises(ValueError, match=r"link_radius -0\.1 m must be finite and not negative"):
         replace(SCARA_50CM, link_radius=-0.1)

@@ -26,7 +26,7 @@ from planners.typing import Array
 
 DYNAMICS = ChainDynamics.of_excavator()
 MASSES = (0.0, 70.0, 350.0)
-N = EXCAVATOR.n_joints
+N = len(EXCAVATOR.links)
 
 
 def random_states(count: int, seed: int = 0) -> tuple[Array, Array, Array, Array]:
@@ -43,12 +43,12 @@ def mujoco_model(machine: Excavator, mass: float, offset: tuple[float, float, fl
 
     def shifted(i: int, point: Array) -> Array:
         """A point of frame i in the frame of body i."""
-        a, d, alpha = (array[i] for array in (geometry.a_array, geometry.d_array, geometry.alpha_array))
+        a, d, alpha = (column[i] for column in geometry.table)
         sine, cosine = np.sin(alpha), np.cos(alpha)
         return np.array([a + point[0], cosine * point[1] - sine * point[2], d + sine * point[1] + cosine * point[2]])
 
     def twist(i: int) -> str:
-        half = 0.5 * geometry.alpha_array[i]
+        half = 0.5 * geometry.table[2][i]
         return numbers(np.array([np.cos(half), np.sin(half), 0.0, 0.0]))
 
     geometry, body = machine.geometry, ""

@@ -375,7 +375,7 @@ def test_leading_axes_broadcast_and_a_single_target_equals_its_environment() -> 
         ({"tip": [1.0, 2.0, math.nan]}, "tip must be finite; got nan"),
         ({"axis": [0.0, 0.0, 0.0]}, "axis has length 0"),
         ({"axis": 1.0}, "axis has shape ()"),
-        ({"near": [0.0, 0.0]}, "joint angles have shape (2,)"),
+        ({"near": [0.0, 0.0]}, "near has shape (2,); give (..., 5)"),
         ({"near": [0.0, 0.0, math.inf, 0.0, 0.0]}, "near must be finite; got inf"),
         ({"weights": [1.0, 1.0, 1.0, 1.0, -1.0]}, "weights are"),
         ({"weights": [1.0]}, "give 5 finite numbers"),

@@ -105,5 +105,5 @@ def test_the_five_columns_lose_rank_at_the_elbow_but_not_at_the_bucket(posture: 
 
 def test_forward_kinematics_wants_five_angles() -> None:
     for function in (forward_kinematics, frames, jacobian, jacobian_determinant):
-        with pytest.raises(ValueError, match=re.escape("joint angles have shape (4,); give (..., 5)")):
+        with pytest.raises(ValueError, match=re.escape("q has shape (4,); give (..., 5)")):
             function(np.zeros(4))

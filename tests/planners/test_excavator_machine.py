@@ -27,10 +27,10 @@ def test_payloads_are_percentages_of_the_rated_load() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda: ChainGeometry(1.0, 0.0, 1.0, 0.0, 0.0, 1.0), "a2 is 0.0 m; it must be positive"),
-        (lambda: ChainGeometry(1.0, 1.0, math.nan, 0.0, 0.0, 1.0), "a3 is nan; it must be finite"),
-        (lambda: Link(-1.0, (0, 0, 0), (1, 1, 1), 1.0, 1.0), "mass of a link is -1"),
-        (lambda: Link(1.0, (0, 0), (1, 1, 1), 1.0, 1.0), "com of a link is (0.0, 0.0)"),  # type: ignore[arg-type]
+        (lambda: ChainGeometry(1.0, 0.0, 1.0, 0.0, 0.0, 1.0), "a2 0.0 must be finite and positive"),
+        (lambda: ChainGeometry(1.0, 1.0, math.nan, 0.0, 0.0, 1.0), "a3 nan must be finite"),
+        (lambda: Link(-1.0, (0, 0, 0), (1, 1, 1), 1.0, 1.0), "mass of a link -1.0 must"),
+        (lambda: Link(1.0, (0, 0), (1, 1, 1), 1.0, 1.0), "com of a link (0.0, 0.0)"),  # type: ignore[arg-type]
         (lambda: Link(1.0, (0, 0, 0), (1, 1, 3), 1.0, 1.0), "no rigid body has moments"),
         (lambda: dataclasses.replace(EXCAVATOR, links=EXCAVATOR.links[:4]), "4 links and limits of 5 joints"),
         (lambda: dataclasses.replace(EXCAVATOR, gravity=math.inf), "gravity inf must be finite"),

@@ -119,8 +119,8 @@ def printed_sign() -> Fact:
 
 
 def _random_postures() -> Array:
-    limit = EXCAVATOR.angle_limit_array
-    return np.random.default_rng(0).uniform(-limit, limit, (POSTURES, EXCAVATOR.n_joints))
+    limit = np.array(EXCAVATOR.limits.angle)
+    return np.random.default_rng(0).uniform(-limit, limit, (POSTURES, len(EXCAVATOR.links)))
 
 
 def _of(rows: Sequence[Record], entry: NamedController, case: Case) -> list[Record]:

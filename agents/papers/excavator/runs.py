@@ -109,7 +109,7 @@ class Trial:
             distance = np.linalg.norm(tip, axis=-1)
             for env_index, (percent, case) in enumerate(conditions):
                 mass = self.machine.payload.mass(percent)
-                torque_ratio = (np.abs(run.tau[:, env_index]) / self.machine.torque_limit_array).max()
+                torque_ratio = (np.abs(run.tau[:, env_index]) / np.array(self.machine.limits.torque)).max()
                 yield {
                     "controller": entry.title,
                     "case": case.title,
