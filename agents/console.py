@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-INTERRUPTED = 130
-"""Exit code of a command that Ctrl-C ended."""
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 
 def say(text: str) -> None:

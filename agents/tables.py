@@ -13,8 +13,7 @@ from rich.text import Text
 
 from agents.evaluation.statistics import Estimate
 
-_MARKDOWN_WIDTH = 10_000
-"""Characters: a row of Markdown must stay on one line."""
+_MARKDOWN_WIDTH = 10_000  # characters: a row of Markdown must stay on one line
 
 
 @dataclass(frozen=True)

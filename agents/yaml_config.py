@@ -11,8 +11,7 @@ import yaml
 from envs.settings import Settings, refuse_unknown
 
 SettingsType = TypeVar("SettingsType", bound=Settings)
-SHIPPED = Path(__file__).parent.parent / "configs"
-"""Folder of the configurations that come with planarm."""
+SHIPPED = Path(__file__).parent.parent / "configs"  # folder of the configurations that come with planarm
 _SUFFIX = ".yaml"
 
 

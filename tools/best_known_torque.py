@@ -32,11 +32,9 @@ COARSE, FINE, DENSE = 30, 200, 10
 STARTS, FINISHED = 16, 3
 """Random starts beside the quintic, and how many of the minima they lead to are solved on the fine mesh."""
 
-SPREAD = np.array([1.5, 2.6, 2.6])
-"""Largest random detour of every joint halfway, rad."""
+SPREAD = np.array([1.5, 2.6, 2.6])  # largest random detour of every joint halfway, rad
 
-NEARLY_KEPT = 1.1
-"""Load up to which a coarse minimum counts as one that keeps the limits."""
+NEARLY_KEPT = 1.1  # load up to which a coarse minimum counts as one that keeps the limits
 
 SHARES = (0.9999, 0.999, 0.99)
 """Shares of the limits that the solver uses, one after the other until the dense grid shows no excess."""

@@ -18,10 +18,8 @@ from envs.conveyor_track.starts import AXES, ELBOWS, MARGIN, Demands, Start
 from planners import Infeasible, UnreachableTarget, dpct
 from planners.typing import Array
 
-HORIZON = 6.0
-"""How far ahead to plan, s: the longest horizon that the table serves."""
-CHECKS = 2000
-"""Number of drawn starts to solve at the end."""
+HORIZON = 6.0  # how far ahead to plan, s: the longest horizon that the table serves
+CHECKS = 2000  # number of drawn starts to solve at the end
 
 
 def build(path: Path, axes: Mapping[str, Array]) -> float:

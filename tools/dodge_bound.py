@@ -25,8 +25,7 @@ from agents.files import write_json
 from agents.provenance import versions
 from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_seen, solve
 
-BATCH = 20
-"""Seeds after which the result is stored."""
+BATCH = 20  # seeds after which the result is stored
 
 
 @dataclass(frozen=True)

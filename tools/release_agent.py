@@ -31,10 +31,8 @@ TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"
 SELECTION_SEED, HELD_OUT_SEED = 2_000_000, 0
 """Of the first episode that selects an agent, which neither training nor the choice of checkpoints used, and of the
 first held-out one, which is the leaderboard's."""
-LIMIT_RATIO = 1.05
-"""Largest ratio of a value to its limit in an episode that counts as one within the limits."""
-SIZE = 300_000
-"""Bytes of weights at most."""
+LIMIT_RATIO = 1.05  # largest ratio of a value to its limit in an episode that counts as one within the limits
+SIZE = 300_000  # bytes of weights at most
 
 Scores = dict[str, Estimate]
 """Success, episodes within the limits and other shares, with their intervals; the mean return and medians, without."""

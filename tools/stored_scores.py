@@ -32,12 +32,9 @@ from envs.experts import expert_names
 FILE = Path(__file__).parent.parent / "tests" / "agents" / "stored_scores.json"
 FIRST_SEED, EPISODES = 500_000, 50
 
-COUNT_TOLERANCE = 1
-"""Episodes by which a count may differ."""
-TOLERANCE = 0.02
-"""Share by which a median or mean may differ."""
-FLOOR = 1e-5
-"""Differences that are none, in the unit of the value: a hundredth of what the strictest task tolerates."""
+COUNT_TOLERANCE = 1  # episodes by which a count may differ
+TOLERANCE = 0.02  # share by which a median or mean may differ
+FLOOR = 1e-5  # differences that are none, in the unit of the value: a hundredth of what the strictest task tolerates
 
 Score = Mapping[str, float | None]
 """By name: counts of boolean metrics, the interquartile mean of the return, medians of the task's other metrics, the

@@ -32,8 +32,7 @@ from planners.typing import Array
 
 ENV_ID = "ObstacleDodge-v0"
 
-FIRST_SEED, FIRST_TO_CONFIRM = 100_000, 500_000
-"""The benchmark's seeds start at 0."""
+FIRST_SEED, FIRST_TO_CONFIRM = 100_000, 500_000  # the benchmark's seeds start at 0
 
 COLLISION = 1.3  # weight of a collision, in late arrivals
 SPREAD = 1.5  # the search stays within this factor of the gains it starts from

@@ -19,8 +19,7 @@ from agents.training.learning_curves import Curve, Groups, check_alike, differin
 from envs.card import Metric
 from envs.settings import refuse_unknown
 
-COMMON = (Metric("success", "success (%)", 100.0), Metric("return", "return"))
-"""Metrics of every task."""
+COMMON = (Metric("success", "success (%)", 100.0), Metric("return", "return"))  # metrics of every task
 
 
 @dataclass(frozen=True)
@@ -54,10 +53,6 @@ def run(options: CurvesOptions) -> int:
     """Print the table and draw the picture; the exit code."""
     if not options.runs:
         raise ValueError("no runs: give the folders of at least one, such as runs/*")
-    resolved = [folder.resolve() for folder in options.runs]
-    if len(set(resolved)) < len(resolved):
-        twice = next(folder for folder in resolved if resolved.count(folder) > 1)
-        raise ValueError(f"{twice} is given twice")
     check_picture(options.plot, options.dpi)
     waiting = [
         folder for folder in options.runs if (folder / "config.yaml").exists() and not (folder / "metrics.csv").exists()

@@ -1,1 +1,1 @@
-"""Evaluation: paired episodes, their summary, comparisons, bounds, and the leaderboard."""
+"""Evaluation: paired episodes, their summary, comparisons, the leaderboard, and the benchmark with its bounds."""

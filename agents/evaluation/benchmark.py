@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 
 import envs
 from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask
-from agents.evaluation.bounds import best_known
 from agents.evaluation.compare import Pair, as_documents, compare_all
 from agents.evaluation.evaluate import Evaluation, Progress, as_policy, evaluate
 from agents.evaluation.leaderboard import TaskResult, as_document
 from agents.policies.lookup import NamedPolicy, find_policy
 from agents.provenance import machine, versions
+from envs.card import Bound
+from planners import Infeasible
+from planners.typing import Array
 
-WARM_UP = 2
-"""Episodes that are run before any that counts."""
+WARM_UP = 2  # episodes that are run before any that counts
 
 
 @dataclass
@@ -83,10 +84,7 @@ class Benchmark:
                     result.action_configs[named.name] = named.action_config
             if bound is not None and self._bounded(task):
                 begin(f"{task.title}: bound")
-                first = seeds[: self._bounded(task)].tolist()
-                result.bounds = best_known(
-                    task.env, bound, first, env_config=task.env_config, options=task.options, progress=progress
-                )
+                result.bounds = self._best_known(task, bound, seeds[: self._bounded(task)].tolist(), progress)
         self.complete = True
 
     def document(self) -> dict[str, Any]:
@@ -117,6 +115,18 @@ class Benchmark:
             progress=progress,
             name=named.name,
         )
+
+    def _best_known(self, task: BenchmarkTask, bound: Bound, seeds: list[int], progress: Progress) -> Array:
+        """The best known value of the bounded metric for each seed's start, ``(episodes,)``; inf if none is known."""
+        with closing(gym.make_vec(task.env, num_envs=len(seeds), **task.env_config)) as env:
+            batch: Any = env.unwrapped
+            batch.reset(seed=seeds, options=dict(task.options))
+            values = np.full(len(seeds), np.inf)
+            for env_index, seed in enumerate(seeds):
+                with suppress(Infeasible):
+                    values[env_index] = bound.optimum(batch, env_index, seed)
+                progress(1)
+        return values
 
     def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
         return self.config.seed + np.arange(self._episodes(task))

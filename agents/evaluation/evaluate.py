@@ -18,10 +18,8 @@ from planners.typing import Array
 
 Info = Mapping[str, Any]
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
-PolicyMaker = Callable[[Any], "Policy"]
-"""Makes a policy for an environment, single or vector."""
-Progress = Callable[[int], object]
-"""Called with the number of episodes that have just ended."""
+PolicyMaker = Callable[[Any], "Policy"]  # makes a policy for an environment, single or vector
+Progress = Callable[[int], object]  # called with the number of episodes that have just ended
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation import statistics
 from agents.evaluation.benchmark_config import BenchmarkTask
-from agents.evaluation.evaluate import Evaluation
+from agents.evaluation.evaluate import Evaluation, Timing
 from agents.evaluation.statistics import Estimate
 from agents.evaluation.summarise import LIMIT_TOLERANCE, card_of, metric_text, summarise
 from agents.tables import Table, interval_text, number_text, percent_text, share_text
@@ -103,9 +103,8 @@ def _caption(result: TaskResult) -> Iterator[str]:
         bound, values = result.bounded
         which = "" if len(values) == len(result.seeds) else f" (the first {len(values)})"
         yield f"Bound: {bound.meaning}, from the same starts{which}; over bound: the difference."
-    steps = sum(evaluation.timing.env_steps for evaluation in result.evaluations)
-    env_us = 1e6 * sum(evaluation.timing.env_seconds for evaluation in result.evaluations) / steps
-    yield f"Step: of the policy, without planning; the environment takes {env_us:.1f} us."
+    timing = sum((evaluation.timing for evaluation in result.evaluations), Timing())
+    yield f"Step: of the policy, without planning; the environment takes {timing.env_us:.1f} us."
     for policy, settings in result.action_configs.items():
         meaning = ", ".join(f"{name} {value}" for name, value in settings.items())
         yield f"Actions of {policy}: {meaning}."

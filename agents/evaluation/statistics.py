@@ -13,8 +13,7 @@ from scipy import stats
 
 CONFIDENCE = 0.95
 _RESAMPLES = 2000
-_SEED = 20240229
-"""Fixed, so that the same episodes always give the same interval."""
+_SEED = 20240229  # fixed, so that the same episodes always give the same interval
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from agents.evaluation.statistics import Estimate
 from agents.tables import number_text, share_text
 from envs.card import Metric, TaskCard
 
-LIMIT_TOLERANCE = 0.005
-"""Share by which a limit may be exceeded before an episode counts as one that breaks it."""
+LIMIT_TOLERANCE = 0.005  # share by which a limit may be exceeded before an episode counts as one that breaks it
 
 
 def summarise(evaluation: Evaluation, *, bootstrap: bool = True) -> dict[str, Estimate]:

@@ -13,8 +13,7 @@ from envs.rendering import palette
 from envs.rendering.palette import Color
 from planners.typing import Array
 
-WIDTH, HEIGHT = 10.0, 3.5
-"""Of the picture, inches."""
+WIDTH, HEIGHT = 10.0, 3.5  # of the picture, inches
 _COLORS: tuple[Color, ...] = (
     palette.ACCENT,
     (205, 105, 20),
@@ -23,10 +22,8 @@ _COLORS: tuple[Color, ...] = (
     (160, 90, 60),
     (200, 60, 120),
 )
-GROUPS_AT_MOST = len(_COLORS)
-"""Largest number of groups, one colour each."""
-_WIDE = 20.0
-"""Range of values above which an axis becomes logarithmic beyond 1."""
+GROUPS_AT_MOST = len(_COLORS)  # largest number of groups, one colour each
+_WIDE = 20.0  # range of values above which an axis becomes logarithmic beyond 1
 _AGAINST = {"seconds": "seconds of training, warm start included", "steps": "control steps after the warm start"}
 
 

@@ -12,8 +12,7 @@ from envs.rendering import palette
 from envs.rendering.palette import Color, mix
 from planners.typing import Array
 
-WIDTH = 10.0
-"""Of the picture, inches."""
+WIDTH = 10.0  # of the picture, inches
 _LEFT, _RIGHT, _GAP = 0.5, 0.15, 0.2  # inches: margins, and between panels
 _TOP, _FOOT, _CURVES, _BOTTOM = 0.32, 0.32, 1.5, 0.45  # inches: from the top down
 _HEADING, _LINE = 0.15, 0.17  # inches: above a panel, and for each line of its title

@@ -16,16 +16,11 @@ else:  # matplotlib is optional
 
 Rgb = tuple[float, ...]
 
-FORMATS = (".png", ".svg", ".pdf")
-"""File formats of pictures."""
+FORMATS = (".png", ".svg", ".pdf")  # file formats of pictures
 
 
 def new_sheet(width: float, height: float) -> Figure:
-    """An empty figure, inches.
-
-    Raises:
-        ModuleNotFoundError: if matplotlib is missing; the message says how to install it.
-    """
+    """An empty figure, inches; a ModuleNotFoundError says how to install matplotlib if it is missing."""
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:

@@ -12,8 +12,7 @@ from agents.figures.sheet import Figure, image_bytes
 from agents.files import write_bytes, write_json
 from agents.tables import Table
 
-Record = dict[str, Any]
-"""A result by the names that it has in the JSON."""
+Record = dict[str, Any]  # a result by the names that it has in the JSON
 Columns = Mapping[str, str | Callable[[Record], str]]
 """By header, the cell of a record: a template such as "{cost:.2f}", or a function."""
 

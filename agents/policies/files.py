@@ -21,8 +21,7 @@ from agents.policies.agent import Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
 
-FORMAT = 1
-"""Version of the files; this version of planarm reads no other."""
+FORMAT = 1  # version of the files; this version of planarm reads no other
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
 

@@ -16,8 +16,7 @@ from agents.policies.files import load_agent, shipped_agents
 from envs.experts import expert_names, is_expert
 from envs.settings import refuse_unknown
 
-SHIPPED = "agent"
-"""Name of the agent shipped with planarm for the environment."""
+SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
 
 _SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
 """The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""

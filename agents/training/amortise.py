@@ -24,10 +24,8 @@ from planners.motion.time_laws import SHAPES, quintic, shape_functions
 from planners.typing import Array
 
 _N_ENVS = 1024
-_SAMPLES = 40
-"""Instants at which the torques of a motion are sampled, denser towards its ends, where torques are large."""
-_TORQUE_ROOM, _RANGE_ROOM = 0.07, 0.02
-"""Shares of the limits reserved for the tracking controller."""
+_SAMPLES = 40  # instants at which the torques of a motion are sampled, denser towards its ends, where torques are large
+_TORQUE_ROOM, _RANGE_ROOM = 0.07, 0.02  # shares of the limits reserved for the tracking controller
 _TORQUE_PENALTIES, _RANGE_PENALTY = (2.0, 20.0), 20.0
 """Weights of the largest excess over a torque limit and of its square, and of that over a joint range."""
 _LINES = 20

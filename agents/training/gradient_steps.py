@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from agents.training.recipe import Amortisation, WarmStart
 
-Minibatch = NDArray[np.int64]
-"""Indices of samples."""
+Minibatch = NDArray[np.int64]  # indices of samples
 
 
 def gradient_steps(

@@ -16,8 +16,7 @@ from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
-Groups = dict[str, list["Curve"]]
-"""Curves by the label of their group."""
+Groups = dict[str, list["Curve"]]  # curves by the label of their group
 
 
 @dataclass(frozen=True)
@@ -66,15 +65,13 @@ def read_curve(folder: Path) -> Curve:
 
 def check_alike(curves: Sequence[Curve]) -> None:
     """Raise a ValueError unless the runs are of one environment and all different."""
-    first = curves[0]
+    first, seen = curves[0], dict[str, Path]()
     for curve in curves:
         if curve.config.env != first.config.env:
             raise ValueError(
                 f"{first.folder} is a run of {first.config.env}, {curve.folder} one of {curve.config.env}; "
                 "give runs of one environment"
             )
-    seen: dict[str, Path] = {}
-    for curve in curves:
         other = seen.setdefault(curve.config.model_dump_json(), curve.folder)
         if other is not curve.folder:
             raise ValueError(
@@ -84,11 +81,7 @@ def check_alike(curves: Sequence[Curve]) -> None:
 
 
 def grouped(curves: Sequence[Curve], key: str) -> Groups:
-    """Curves by the value of a setting in their configurations.
-
-    Raises:
-        ValueError: if no run has such a setting.
-    """
+    """Curves by the value of a setting in their configurations; a ValueError if no run has such a setting."""
     settings = [_settings(curve.config) for curve in curves]
     refuse_unknown([key], set().union(*settings), "setting to group by")
     groups: Groups = {}

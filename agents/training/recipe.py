@@ -10,8 +10,7 @@ from pydantic import Field
 from agents.yaml_config import assigned
 from envs.settings import Settings
 
-EVALUATION_SEED = 1_000_000
-"""Seed of the first episode of an evaluation in training; the leaderboard has other seeds."""
+EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
 
 
 class WarmStart(Settings):

@@ -12,8 +12,7 @@ from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
-Row = dict[str, Any]
-"""A row of metrics.csv, by column."""
+Row = dict[str, Any]  # a row of metrics.csv, by column
 
 
 def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:

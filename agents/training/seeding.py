@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-TRAINING_SEEDS = 2**31
-"""Environments are trained on seeds in [2**31, 2**32); evaluations use lower ones."""
+TRAINING_SEEDS = 2**31  # environments are trained on seeds in [2**31, 2**32); evaluations use lower ones
 
 
 def seed_everything(seed: int, segment: int) -> None:

@@ -180,7 +180,7 @@ def test_a_run_of_one_row_as_a_vector_drawing(tmp_path: Path) -> None:
         ([], "no runs"),
         (["none"], "cannot read none/config.yaml"),
         (["empty"], "cannot read empty/config.yaml"),
-        (["a", "a"], "is given twice"),
+        (["a", "a"], "the same run twice"),
         (["a", "copy"], "the same run twice"),
         (["a", "move"], f"a is a run of {CONVEYOR}, move one of MinTorqueMove-v0"),
         (["a", "damaged"], "metrics.csv is damaged"),

@@ -40,11 +40,7 @@ class PaperExcavatorOptions(ReportOptions):
     """Control rate, samples per second."""
 
     def trial(self) -> Trial:
-        """What all runs share.
-
-        Raises:
-            ValueError: if an option is out of range.
-        """
+        """What all runs share; a ValueError if an option is out of range."""
         if not self.payloads or not all(math.isfinite(value) and value >= 0.0 for value in self.payloads):
             raise ValueError(f"payloads {self.payloads} must be one percentage or more, none negative")
         for name in ("rated_load", "cycles", "rate"):
@@ -55,11 +51,7 @@ class PaperExcavatorOptions(ReportOptions):
 
 
 def run(options: PaperExcavatorOptions) -> None:
-    """Regenerate the paper's results: the entry point of the command.
-
-    Raises:
-        ValueError: if an option is out of range.
-    """
+    """Regenerate the paper's results: the entry point of the command; a ValueError if an option is out of range."""
     trial = options.trial()
     with progress_bar("cycles") as bar:
         progress = partial(bar.advance, bar.add_task("simulating", total=2 * trial.cycles * len(CONTROLLERS)))

@@ -15,10 +15,8 @@ from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.simulation import Plant, Run, simulate
 from planners.typing import Array
 
-Progress = Callable[[], object]
-"""Called after every simulated cycle."""
-MISMATCHED_PAYLOADS = (2.0, 10.0)
-"""% of the rated load, in the runs on arms that differ from the controller's model."""
+Progress = Callable[[], object]  # called after every simulated cycle
+MISMATCHED_PAYLOADS = (2.0, 10.0)  # % of the rated load, in the runs on arms that differ from the controller's model
 
 
 @dataclass(frozen=True)
@@ -72,8 +70,7 @@ CASES = (
 )
 
 
-Conditions = Sequence[tuple[float, Case]]
-"""Payload, % of the rated load, and case of each environment."""
+Conditions = Sequence[tuple[float, Case]]  # payload, % of the rated load, and case of each environment
 MISMATCHED_CONDITIONS = [(percent, case) for percent in MISMATCHED_PAYLOADS for case in CASES]
 
 
