@@ -142,7 +142,7 @@ def run_field(gains: DodgeGains, seeds: NDArray[np.int64]) -> Evaluation:
 
 
 def score(evaluation: Evaluation) -> float:
-    """Number of failures, with collisions weighted by `COLLISION`: the less, the better."""
+    """Number of failures, with collisions weighted by `COLLISION`; to be minimised."""
     collisions = evaluation.metrics["collision"].astype(bool)
     late = ~evaluation.success & ~collisions
     return float(late.sum() + COLLISION * collisions.sum())
