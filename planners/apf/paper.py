@@ -134,23 +134,13 @@ def follow_field(
     steps = round(problem.horizon / period)
     if steps > _MOST_SAMPLES:
         raise ValueError(f"{steps} samples are more than {_MOST_SAMPLES}; give a longer period or a shorter horizon")
-    discs = problem.obstacles
-    samples = _follow(
-        arm.length_array,
-        arm.base_array,
-        arm.link_radius,
-        field,
-        problem.q,
-        problem.start[1],
-        goal,
-        np.array([disc.position for disc in discs]).reshape(-1, 2),
-        np.array([disc.velocity for disc in discs]).reshape(-1, 2),
-        np.array([disc.radius for disc in discs], dtype=float),
-        period,
-        steps,
-        tolerance,
-        1.0 - math.exp(-period / measuring_time) if measuring_time else 1.0,
-    )
+    body = arm.length_array, arm.base_array, arm.link_radius
+    positions = np.array([disc.position for disc in problem.obstacles]).reshape(-1, 2)
+    velocities = np.array([disc.velocity for disc in problem.obstacles]).reshape(-1, 2)
+    radii = np.array([disc.radius for disc in problem.obstacles], dtype=float)
+    blend = 1.0 - math.exp(-period / measuring_time) if measuring_time else 1.0
+    start, discs = problem.start[:2], (positions, velocities, radii)
+    samples = _follow(*body, field, *start, goal, *discs, period, steps, tolerance, blend)
     q, _, clearance, _ = samples
     outcome = _outcome(problem, field.gains, goal, q, clearance, period, tolerance)
     return FieldMotion(period * np.arange(len(q), dtype=np.float64), *samples, outcome)

@@ -47,17 +47,23 @@ def solve(
     _turn_signs(sign, point.tau, sign, eps, 1.0)
     shift, penalty = 0.0, 1.0
     for _ in range(most):
+        # force and stiffness of the barrier at every limit, and its present multiplier
+        forces, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
+        force, multiplier, stiffness = forces[0] - forces[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
+
         # Newton's step of unknowns, torques, loads, slacks and duals
-        force, multiplier, stiffness = _barrier_force(slacks, duals, rooms, barrier)
         model = newton_model(tr, task, weights, point, sign, eps, force, multiplier, stiffness)
         step, shift = _regularised_step(model, shift, x.shape[0])
         links_step = displace(tr, step.reshape(x.shape))
         tau_step = _torque_step(model, links_step)
         load_step = bounded(task, links_step, tau_step * task.unit)
-        slacks_step, duals_step = _step_barrier(slacks, duals, rooms, load_step, barrier)
+        slacks_step = rooms - slacks
+        slacks_step[0] -= load_step
+        slacks_step[1] += load_step
+        duals_step = (barrier - duals * slacks_step) / slacks - duals
         reach = _longest(slacks, slacks_step)
 
-        # merit function: index, barrier and penalty on the limits that are missed
+        # merit function: index, barrier and penalty on broken limits
         decrement = -dot(model.gradient, step)
         slope = dot(model.index_gradient, step) - barrier * np.sum(slacks_step / slacks)
         infeasibility = np.sum(np.abs(slacks - rooms))
@@ -84,8 +90,11 @@ def solve(
             shift = max(1e-2, 10.0 * shift)
             continue
         _turn_signs(sign, point.tau, tau_step, eps, length)
-        _move_duals(duals, duals_step, _longest(duals, duals_step), new_slacks, barrier)
+        duals += _longest(duals, duals_step) * duals_step
         x, point, rooms, slacks = trial, new_point, new_rooms, new_slacks
+        central = barrier / slacks
+        duals = np.minimum(np.maximum(duals, 1e-8 * central), 1e8 * central)
+
         # less or more regularisation, and a smaller barrier once the present one is solved
         if length < 0.4 * reach:
             shift = max(1e-3, 4.0 * shift)
@@ -120,35 +129,12 @@ def _rooms(load: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _barrier_force(slacks: Array, duals: Array, rooms: Array, barrier: float) -> tuple[Array, Array, Array]:
-    """For each limit: force of the barrier on its load, present multiplier, stiffness of the barrier."""
-    forces, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
-    return forces[0] - forces[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
-
-
-@njit(cache=True, nogil=True)
-def _step_barrier(slacks: Array, duals: Array, rooms: Array, load_step: Array, barrier: float) -> tuple[Array, Array]:
-    """Newton's steps of slacks and duals for a given step of the loads."""
-    slacks_step = rooms - slacks
-    slacks_step[0] -= load_step
-    slacks_step[1] += load_step
-    return slacks_step, (barrier - duals * slacks_step) / slacks - duals
-
-
-@njit(cache=True, nogil=True)
 def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: float) -> None:
     """Move the duals of |tau| towards the smoothed sign after a full step, within [-1, 1]."""
     root = np.sqrt(tau * tau + eps * eps)
     smoothed = tau / root
     smoothed += (1.0 - sign * smoothed) / root * tau_step
     sign[:] = np.minimum(1.0, np.maximum(-1.0, sign + length * (smoothed - sign)))
-
-
-@njit(cache=True, nogil=True)
-def _move_duals(duals: Array, steps: Array, length: float, slacks: Array, barrier: float) -> None:
-    """Move the duals, and keep them within a factor of 1e8 of ``barrier / slack``."""
-    central = barrier / slacks
-    duals[:] = np.minimum(np.maximum(duals + length * steps, 1e-8 * central), 1e8 * central)
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,8 @@ from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
+from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
+from planners.typing import Array
 from planners.variants import require_choice
 
 NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
@@ -51,6 +52,7 @@ class Settings(NamedTuple):
     objective: Objective
     degree: int
     polish: bool
+    rendezvous_time: float | None
     guess: Curve | None
     explain: bool
 
@@ -109,19 +111,16 @@ def plan_optimal(
     move = JointMove(problem.loaded_arm, problem.joint_limits, Ends(start, start), problem.horizon, clamp)
     _require_within_limits(move, 0, "start", 1.0 + START_TOLERANCE)
     curve = None if guess is None else (lambda s: guess.at(s * guess.duration)[0])
-    settings = Settings(objective, nodes - 1, polish, curve, explain)
+    settings = Settings(objective, nodes - 1, polish, rendezvous_time, curve, explain)
     if isinstance(problem.target, MovingHand):
-        return _plan_rendezvous(problem, problem.target, move, elbow, rendezvous_time, settings)
-    return _plan_to_rest(problem, problem.target, move, elbow, settings)
+        return _plan_rendezvous(problem, move, find_rides(problem, problem.target, elbow), settings)
+    return _plan_to_rest(problem, move, goal_postures(problem, problem.target, elbow), settings)
 
 
-def _plan_to_rest(
-    problem: MotionProblem, target: FixedJoints | FixedHand, move: JointMove, elbow: Elbow, settings: Settings
-) -> Trajectory:
-    """Come to rest at a fixed target at the horizon."""
+def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array], settings: Settings) -> Trajectory:
+    """Come to rest in one of the goal postures at the horizon."""
     still = np.zeros(problem.arm.n_joints)
-    goals = [np.stack([goal, still, still]) for goal in goal_postures(problem, target, elbow)]
-    moves = [move.to(goal, problem.horizon) for goal in goals]
+    moves = [move.to(np.stack([goal, still, still]), problem.horizon) for goal in goals]
     if len(moves) == 1:
         _require_within_limits(moves[0], 1, "limits", 1.0)
     fit = _best_fit(moves, settings)
@@ -132,22 +131,14 @@ def _plan_to_rest(
     return _with_cost(Trajectory(*motion, fit.limit_ratios, 0.0, problem.horizon, _PLANNER), settings)
 
 
-def _plan_rendezvous(
-    problem: MotionProblem,
-    target: MovingHand,
-    move: JointMove,
-    elbow: Elbow,
-    rendezvous_time: float | None,
-    settings: Settings,
-) -> Trajectory:
-    """Meet a moving target and follow it."""
-    rides = find_rides(problem, target, elbow)
+def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> Trajectory:
+    """Meet a moving target and follow it with one of the rides."""
     for ride in rides:
         window = ride.window_at(0.0)
-        if rendezvous_time is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
+        if settings.rendezvous_time is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
             riding = sample_ride(ride.line, 0.0, min(problem.horizon, window.closes))
             return _with_cost(to_trajectory(ride.line, [riding], window.closes, 0.0, 0.0, _PLANNER), settings)
-    time = rendezvous_time or _choose_time(rides, move, problem.horizon)
+    time = settings.rendezvous_time or _choose_time(rides, move, problem.horizon)
     open_rides = [(ride, window) for ride in rides if (window := ride.window_at(time)) is not None]
     if not open_rides:
         raise Infeasible("no_window", f"at {time:.4g} s following the target breaks a limit; choose another time")
