@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -22,7 +22,7 @@ class ControlSettings:
         period: between two samples, s.
         bandwidth: lambda, the rate at which the error of each joint decays, 1/s, ``(n,)``.
         inertia: of each joint in a typical posture, kg m^2, ``(n,)``: scales the gains of laws without a mass matrix.
-        torque_limit: largest absolute torque of each joint, N m, ``(n,)``; ``inf`` for none.
+        torque_limit: largest absolute torques, N m, ``(n,)``; may be infinite.
     """
 
     period: float
@@ -31,30 +31,23 @@ class ControlSettings:
     torque_limit: Array
 
     def __post_init__(self) -> None:
-        for name in ("period", "bandwidth", "inertia", "torque_limit"):
-            if not np.all(np.asarray(getattr(self, name)) > 0.0):
-                raise ValueError(f"{name} {getattr(self, name)} of a controller must be positive")
+        for name, value in vars(self).items():
+            if not np.all(np.asarray(value) > 0.0):
+                raise ValueError(f"{name} {value} of a controller must be positive")
 
 
 @dataclass(frozen=True)
 class PayloadPrior:
-    """Prior of a payload's parameters, each ``(p,)``.
-
-    Attributes:
-        initial: first estimate; a fixed controller keeps it.
-        lower, upper: bounds of the estimate.
-    """
+    """First estimate of a payload's parameters, kept by a fixed controller, and its bounds, each ``(p,)``."""
 
     initial: Array
     lower: Array
     upper: Array
 
     def __post_init__(self) -> None:
-        shapes = {np.shape(getattr(self, spec.name)) for spec in fields(self)}
+        shapes = {np.shape(value) for value in vars(self).values()}
         if len(shapes) != 1 or not np.all((self.lower <= self.initial) & (self.initial <= self.upper)):
-            raise ValueError(
-                f"payload parameters: initial {self.initial} must lie within {self.lower} and {self.upper}"
-            )
+            raise ValueError(f"initial parameters {self.initial} must lie within {self.lower} and {self.upper}")
 
 
 @dataclass(frozen=True)
@@ -79,19 +72,10 @@ class Sample:
 
 
 class Controller(ABC):
-    """A sampled tracking controller of a batch of arms with payloads.
+    """A sampled tracking controller of a batch of ``rows`` arms with payloads, over a model of the arm.
 
     The state that a law carries from sample to sample is `memory`; it can be read and set, so that one controller can
-    serve many loops in turn.
-
-    Args:
-        model: the arm as the controller knows it.
-        settings: gains and limits.
-        prior: first estimate and bounds of the payload.
-        rows: size of the batch.
-
-    Raises:
-        ValueError: if settings or prior do not fit the model.
+    serve many loops in turn. Settings or a prior that do not fit the model raise ValueError.
     """
 
     _carried_at_first: ClassVar[float] = 0.0
@@ -118,9 +102,6 @@ class Controller(ABC):
         """State carried to the next sample, ``(batch, p + n)``: the estimates, then one number a joint (a copy).
 
         That number is the integral of the error or another quantity that the law needs.
-
-        Raises:
-            ValueError: on writing an array of another shape.
         """
         return self._memory.copy()
 
@@ -139,16 +120,12 @@ class Controller(ABC):
     def torque(
         self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array, *, within: tuple[Array, Array] | None = None
     ) -> Array:
-        """Torques to hold for a period, within the limits; updates the memory.
+        """Torques to hold for a period, within the limits, N m; updates the memory. All arrays are ``(batch, n)``.
 
         Args:
-            q, qd: measured angles and velocities, ``(batch, n)``.
-            q_d, qd_d, qdd_d: desired angles, velocities and accelerations, ``(batch, n)``.
-            within: least and largest torques available at this sample, ``(batch, n)`` each, N m; the limits of
-                the settings when left out.
-
-        Returns:
-            ``(batch, n)``, N m.
+            q, qd: measured angles and velocities.
+            q_d, qd_d, qdd_d: desired angles, velocities and accelerations.
+            within: least and largest torques available at this sample, N m; the settings' limits when left out.
         """
         sample = Sample(q, qd, q_d, qd_d, qdd_d)
         unlimited = self._law(sample)
@@ -167,10 +144,7 @@ class Controller(ABC):
         """The torques of the law, without limits."""
 
     def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:  # noqa: B027
-        """Update the memory; ``free`` marks joints whose torque is within its limit.
-
-        Integrals and estimates leave out the other joints: there the error comes from the limit.
-        """
+        """Update the memory by the joints within their torque limits, ``free``; the others' error is the limit's."""
 
 
 def _refuse_shape(name: str, values: ArrayLike, count: int, what: str) -> None:

@@ -32,14 +32,8 @@ def smooth_bounds(
 ) -> tuple[float, float]:
     """Accelerations of one joint for the next period that let it keep velocity, acceleration and jerk limits after it.
 
-    Args:
-        speed: rad/s.
-        acceleration: mean over the last period, rad/s^2.
-        period: control period, s.
-        speed_limit, acceleration_limit, jerk_limit: rad/s, rad/s^2, rad/s^3; may be infinite.
-
-    Returns:
-        Lowest and highest, rad/s^2. If no acceleration keeps all limits, velocity is violated first, jerk last.
+    ``acceleration`` is the mean over the last period; limits may be infinite. Lowest and highest, rad/s^2. If no
+    acceleration keeps all limits, velocity is violated first, jerk last.
     """
     step = jerk_limit * period
     lowest = max(-acceleration_limit, acceleration - step)
@@ -66,16 +60,10 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
 
 @njit(cache=True, nogil=True)
 def stoppable_velocities(q: float, qd: float, end: float, braking: float, period: float) -> tuple[float, float]:
-    """Velocities of one joint at the end of a period from which it can still stop within its range.
+    """Lowest and highest velocity of one joint at the end of a period from which it can still stop within its range.
 
-    Args:
-        q, qd: angle and velocity at the start of the period, rad and rad/s.
-        end: largest absolute angle, rad; the joint stops `RANGE_MARGIN` before it.
-        braking: deceleration, rad/s^2.
-        period: control period, s.
-
-    Returns:
-        Lowest and highest, rad/s.
+    ``q, qd`` are angle and velocity at its start. The joint stops `RANGE_MARGIN` before the largest absolute angle,
+    ``end`` rad, by a deceleration of ``braking`` rad/s^2.
     """
     end = end - RANGE_MARGIN
     return -_braked_in_time(end + q, -qd, braking, period), _braked_in_time(end - q, qd, braking, period)
@@ -96,9 +84,7 @@ def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
 def share_within(still: float, wanted: float, limit: float) -> float:
     """Largest share of an acceleration whose torque keeps the limit of one joint; 0 where even zero exceeds it.
 
-    Args:
-        still, wanted: torques of the joint with zero and with the full acceleration, N m.
-        limit: largest absolute torque, N m.
+    ``still`` and ``wanted`` are the torques with zero and with the full acceleration, N m.
     """
     if abs(wanted) <= limit:
         return 1.0
@@ -118,13 +104,8 @@ def _share_of_all(still: Array, wanted: Array, limit: Array, used: float) -> flo
 def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
     """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
 
-    Args:
-        arm: the arm as the controller knows it.
-        q, qd, qdd: joint angles, velocities and desired mean accelerations, ``(batch, n)``.
-        period: control period, s.
-
-    Returns:
-        ``(batch, n)``, rad/s^2; zero in a row where even zero acceleration exceeds a limit.
+    ``qdd`` are the desired mean accelerations over the period, ``(batch, n)``, rad/s^2; the result is zero in a row
+    where even zero acceleration exceeds a limit.
     """
     limit = np.array(arm.limits.torque)
     still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
@@ -135,30 +116,14 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
 
 @njit(cache=True, nogil=True)
 def scale_into_torque(
-    coupling: Array,
-    weight: Array,
-    q: Array,
-    qd: Array,
-    period: float,
-    limit: Array,
-    used: float,
-    passes: int,
-    qdd: Array,
-    tau: Array,
-) -> None:
-    """Scale one row of accelerations in place until the torques held for a period fit.
+    coupling: Array, weight: Array, q: Array, qd: Array, period: float,
+    limit: Array, used: float, passes: int, qdd: Array, tau: Array,
+) -> None:  # fmt: skip
+    """Scale one row of desired mean accelerations ``qdd`` in place until the torques held for a period fit.
 
-    Centrifugal torques half a period ahead are quadratic in the accelerations: hence several passes.
-
-    Args:
-        coupling, weight: see :mod:`planners.robot.dynamics`.
-        q, qd: joint angles and velocities, ``(n,)``.
-        period: control period, s.
-        limit: largest absolute torques, ``(n,)``, N m.
-        used: share of the limits that is used.
-        passes: largest number of scalings.
-        qdd: desired mean accelerations, ``(n,)``, rad/s^2; zero in the end where even zero exceeds a limit.
-        tau: filled with the torques of the scaled accelerations, ``(n,)``, N m.
+    Centrifugal torques half a period ahead are quadratic in the accelerations: hence several ``passes``. ``used`` is
+    the share of the limits that is used. ``qdd`` becomes zero where even zero exceeds a limit; ``tau`` is filled with
+    the torques of the scaled accelerations.
     """
     still = np.empty(q.shape[0])
     held_torque_single(coupling, weight, q, qd, np.zeros(q.shape[0]), period, still)

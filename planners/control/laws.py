@@ -51,10 +51,7 @@ class IntegralComputedTorque(ComputedTorque):
 class AdaptiveController(Controller):
     """A controller with an adaptation law.
 
-    Args:
-        model, settings, rows: as for every controller.
-        prior: first estimate and bounds of the parameters.
-        gain: Gamma, the adaptation gain of each parameter, ``(p,)``; its unit depends on the law.
+    ``gain`` is Gamma, the adaptation gain of each parameter, ``(p,)``; its unit depends on the law.
     """
 
     def __init__(

@@ -45,9 +45,6 @@ class PlanarArmModel:
 
     In absolute link angles the equations of :mod:`planners.robot.dynamics` are linear in coupling matrix and weight; a
     mass m at the hand adds ``m l l^T`` and ``m g l`` to them, as `Arm.with_payload` does, l being the link lengths.
-
-    Args:
-        arm: without the payload.
     """
 
     n_parameters = 1

@@ -14,12 +14,7 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class Gains:
-    """Feedback gains of every joint.
-
-    Attributes:
-        position: acceleration per angle error, 1/s^2.
-        velocity: acceleration per velocity error, 1/s.
-    """
+    """Feedback gains of every joint: acceleration per angle error, 1/s^2, and per velocity error, 1/s."""
 
     position: float = 64.0
     velocity: float = 16.0
@@ -44,15 +39,8 @@ def tracking_acceleration(
     The feed-forward is the reference's mean acceleration over the period, (qd(t + T) - qd(t)) / T: torques held for the
     period then reach the reference's velocity at the next sample.
 
-    Args:
-        q, qd: measured joint angles and velocities, ``(batch, n)``.
-        now: reference angles and velocities at this sample, each ``(batch, n)``.
-        ahead: the same at the next sample.
-        period: control period T, s.
-        gains: of the feedback.
-
-    Returns:
-        ``(batch, n)``, rad/s^2.
+    Measured angles and velocities ``q, qd``, and those of the reference at this and the next sample, ``now`` and
+    ``ahead``, are ``(batch, n)``, as is the result, rad/s^2; ``period`` is T, s.
     """
     gains = gains or Gains()
     feed_forward = (ahead[1] - now[1]) / period
