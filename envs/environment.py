@@ -265,17 +265,13 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         return self.task.batch["observation"].copy()
 
     def _step_infos(self) -> Info:
-        batch = self.task.batch
-        everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        terms: Info = {}
-        for column, name in enumerate(self.task.reward_terms):
-            terms[name], terms[f"_{name}"] = batch["reward_terms"][:, column].copy(), everywhere.copy()
-        return {
-            "is_success": batch["success"].copy(),
-            "_is_success": everywhere.copy(),
-            "reward_terms": terms,
-            "_reward_terms": everywhere.copy(),
-        }
+        columns = self.task.batch["reward_terms"].T
+        terms = {name: column.copy() for name, column in zip(self.task.reward_terms, columns, strict=True)}
+        return self._present({"is_success": self.task.batch["success"].copy(), "reward_terms": self._present(terms)})
+
+    def _present(self, values: Info) -> Info:
+        """Values with Gymnasium's masks, which say that every environment has them."""
+        return values | {f"_{name}": np.ones(self.num_envs, dtype=np.bool_) for name in values}
 
     def _final(self, ended: NDArray[np.bool_]) -> Info:
         """Last observations and infos of the environments that ended, in Gymnasium's vector form."""

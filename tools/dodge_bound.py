@@ -23,7 +23,7 @@ import envs  # noqa: F401  registers the environment
 from agents.console import note, progress_bar
 from agents.files import write_json
 from agents.provenance import versions
-from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_seen, solve
+from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_counted, solve
 
 BATCH = 20  # seeds after which the result is stored
 
@@ -52,7 +52,7 @@ def main(options: DodgeBoundOptions) -> None:
                         answer = solve(env.unwrapped, env_index)
                         lower = None if math.isinf(answer.lower_bound) else round(answer.lower_bound, 3)
                         bounds.verdicts += LETTERS[answer.verdict]
-                        bounds.time_to_goal.append(as_seen(answer, env.unwrapped))
+                        bounds.time_to_goal.append(as_counted(answer, env.unwrapped))
                         bounds.lower_bound.append(lower)
                         progress.advance(task)
                 write_json(options.out, vars(bounds))

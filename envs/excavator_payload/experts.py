@@ -20,7 +20,7 @@ class PayloadExpert(Expert):
 
     Args:
         task: the environment's task.
-        controller: of :mod:`planners.excavator.controllers`; some estimate the payload, some take the bucket for empty.
+        controller: of :mod:`planners.excavator.controllers`; some estimate the payload, some assume none.
         moments: whether the payload's first moments are estimated too, or its mass alone.
     """
 

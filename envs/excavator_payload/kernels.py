@@ -98,7 +98,7 @@ def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
         _measure(env, shared)
         _judge(env)
         # End of the episode, reward and observation.
-        env.terminated = _ran_away(env)
+        env.terminated = _out_of_bounds(env)
         env.truncated = env.step >= shared.horizon_steps and not env.terminated
         env.success = env.truncated and _within(env, shared)
         env.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, env.tip_error / shared.reward_distance))
@@ -198,7 +198,7 @@ def _within(env: Any, shared: Any) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _ran_away(env: Any) -> bool:
+def _out_of_bounds(env: Any) -> bool:
     """Whether a joint is too fast or too far outside the range of the waypoints."""
     for i in range(N_JOINTS):
         inside = LOWEST[i] - STRAY <= env.q[i] <= HIGHEST[i] + STRAY

@@ -88,7 +88,7 @@ def time_to_goal(env: Any, env_index: int, seed: int) -> float:
     """
     stored = float(stored_bound([seed])[0])
     if math.isnan(stored) or not _is_standard(env.task.batch[env_index], seed):
-        return as_seen(solve(env, env_index), env) or math.inf
+        return as_counted(solve(env, env_index), env) or math.inf
     return stored
 
 
@@ -112,7 +112,7 @@ def load() -> Bounds:
     return Bounds(**json.loads(FILE.read_text()))
 
 
-def as_seen(answer: spacetime.Answer, env: Any) -> float | None:
+def as_counted(answer: spacetime.Answer, env: Any) -> float | None:
     """The time to the goal as the environment counts it, at the ends of control periods, s."""
     if answer.trajectory is None:
         return None
