@@ -1,4 +1,4 @@
-"""Training, evaluation, the leaderboard and the `planarm` command: what learns and compares."""
+"""Training, evaluation, the leaderboard and the `planarm` command."""
 
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any

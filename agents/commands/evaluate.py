@@ -44,7 +44,7 @@ class EvaluateOptions:
     against: tuple[str, ...] = ()
     """Policies to compare with, on the same episodes."""
     settings: tuple[str, ...] = ()
-    """key=value for each setting of the environment that is not to have its default."""
+    """key=value for each setting of the environment to change from its default."""
     num_envs: int = 256
     """Episodes that run at once."""
     json: Path | None = None

@@ -47,7 +47,7 @@ class RolloutOptions:
     control_mode: str | None = None
     """What an action of an expert means, such as torque; by default what it means in the environment."""
     settings: tuple[str, ...] = ()
-    """key=value for each other setting of the environment that is not to have its default."""
+    """key=value for each other setting of the environment to change from its default."""
     render: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Show the episode in a window."""
     record: Path | None = None

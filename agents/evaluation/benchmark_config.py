@@ -10,12 +10,12 @@ from envs.settings import Settings
 
 
 class Published(Settings):
-    """A figure from a paper, to stand beside ours.
+    """A published result, for its own row of the leaderboard.
 
     Attributes:
         source: where it was published.
         settling_time: s.
-        note: what to bear in mind when comparing.
+        note: differences that matter for the comparison.
     """
 
     source: str

@@ -21,7 +21,7 @@ INSTANTS = (0.0, 0.4, 0.8, 1.2, 1.6, 2.5)  # s: figure 3
 SURFACE_TIME = 1.0  # s: figure 2
 _GRID = 121  # points a side of a surface
 _LINK = 13.0  # points: the links as thick as they are, at the scale of figure 3
-_HIGHEST = 1.0  # m^2/s; the wall goes on above
+_HIGHEST = 1.0  # m^2/s; higher values of the wall are cut off
 
 
 def figure() -> Figure:

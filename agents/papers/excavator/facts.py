@@ -47,7 +47,7 @@ def facts(payloads: Sequence[Record], mismatched: Sequence[Record]) -> Iterator[
         swing = max(row["last"]["mass_error"] / row["mass"] for row in loaded)
         yield Fact(
             f"{DEFAULT.title}: after one cycle the mass is estimated within {_percent(first)} (wanted: 1 %); in the "
-            f"last it is never farther off than {_percent(swing)}.",
+            f"last its error is at most {_percent(swing)}.",
             {"after_first_cycle": first, "worst_in_last": swing},
         )
 
