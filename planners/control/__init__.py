@@ -5,8 +5,8 @@ its accelerations within the joint limits. The controllers of :mod:`planners.con
 with an unknown payload: batched, over any `ArmModel`.
 """
 
-from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
-from planners.control.joint_limits import share_within, within_torque
+from planners.control.controller import Controller, ControlSettings, PayloadPrior
+from planners.control.joint_limits import within_torque
 from planners.control.laws import (
     AdaptiveComputedTorque,
     AdaptiveController,
@@ -35,11 +35,9 @@ __all__ = [
     "PayloadEstimator",
     "PayloadPrior",
     "PlanarArmModel",
-    "Sample",
     "SlotineLi",
     "held_torque",
     "held_torque_single",
-    "share_within",
     "tracking_acceleration",
     "within_torque",
 ]

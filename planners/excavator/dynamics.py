@@ -22,10 +22,9 @@ INERTIAL_PARAMETERS = 10
 
 @dataclass(frozen=True)
 class ChainDynamics:
-    """Equations of motion of a chain of ``n`` revolute joints. States are ``(batch, n)`` throughout.
+    """Equations of motion of a chain of ``n`` revolute joints, see :mod:`planners.excavator.newton_euler`.
 
-    Attributes:
-        frames, gravity, inertia, drives: see :mod:`planners.excavator.newton_euler`.
+    States, reference velocities and accelerations are ``(batch, n)`` throughout.
     """
 
     frames: Array
@@ -58,10 +57,7 @@ class ChainDynamics:
     def torque(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array, load: Array | None = None) -> Array:
         """``M(q) qdd_r + C(q, qd) qd_r + g(q) + Ia qdd_r + b qd_r``, N m; ``qd_r = qd`` is inverse dynamics.
 
-        Args:
-            q, qd: state, ``(batch, n)``.
-            qd_r, qdd_r: reference velocity and acceleration, ``(batch, n)``.
-            load: inertial parameters of the last link's load, ``(batch, 10)``; none when left out.
+        ``load`` are the inertial parameters of the last link's load, ``(batch, 10)``.
         """
         return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
 
@@ -82,9 +78,7 @@ class ChainDynamics:
 class PayloadModel:
     """The equations of motion linear in a few parameters of the payload: a :class:`planners.control.ArmModel`.
 
-    Attributes:
-        dynamics: the arm without payload.
-        basis: one unit of each parameter as a load of the last link, ``(p, 10)``.
+    ``dynamics`` are those without payload; ``basis`` ``(p, 10)`` is one unit of each parameter as a last link's load.
     """
 
     dynamics: ChainDynamics

@@ -71,8 +71,7 @@ class Link:
     """A rigid link and the drive of the joint that moves it.
 
     Attributes:
-        mass: kg.
-        com: centre of mass in the link's own frame (the one behind its joint), m.
+        mass, com: kg; centre of mass in the link's own frame (the one behind its joint), m.
         inertia: moments xx, yy, zz about the centre of mass, axes of the own frame, kg m^2; products are 0.
         actuator_inertia: of motor and gear at the joint, kg m^2 (``Ia`` in the paper).
         friction: viscous friction of the joint, N m s/rad.
@@ -96,13 +95,7 @@ class Link:
 
 @dataclass(frozen=True)
 class PayloadShape:
-    """The payload: a ball of earth.
-
-    Attributes:
-        com: its centre in the frame of link 5, m.
-        density: kg/m^3.
-        rated_load: mass of a payload of 100 %, kg.
-    """
+    """The payload, a ball of earth: its centre in the frame of link 5, m, density, kg/m^3, and mass at 100 %, kg."""
 
     com: tuple[float, float, float] = (0.0, 0.0, 0.30)
     density: float = 1800.0

@@ -15,11 +15,9 @@ from planners.typing import Array
 
 @dataclass(frozen=True)
 class Cycle:
-    """A periodic motion through postures, at rest in each.
+    """A periodic motion through postures ``(k, n)``, rad, at rest in each.
 
-    Attributes:
-        postures: joint angles, ``(k, n)``, rad.
-        durations: from each posture to the next, from the last to the first, ``(k,)``, s.
+    ``durations`` ``(k,)``, s, are those from each posture to the next, and from the last to the first.
     """
 
     postures: Array

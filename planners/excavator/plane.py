@@ -30,12 +30,10 @@ class PlanarBodies:
     """The links as bodies in the plane. A link's frame sits at its joint; x points along boom and arm to the next one.
 
     Attributes:
-        masses: kg, ``(3,)``.
+        masses, inertias: ``(3,)``, kg and, about the centres of mass, kg m^2.
         coms: centres of mass in the links' frames, ``(3, 2)``, m.
-        inertias: moments about them, ``(3,)``, kg m^2.
         lengths: of boom and arm, ``(2,)``, m.
-        tip: of the tool in the frame of the bucket, ``(2,)``, m.
-        payload_com: nominal centre of a payload in that frame, ``(2,)``, m.
+        tip, payload_com: tip of the tool and nominal centre of a payload in the frame of the bucket, ``(2,)``, m.
     """
 
     masses: Array

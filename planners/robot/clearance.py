@@ -9,15 +9,6 @@ from planners.typing import Array
 
 
 @njit(cache=True, nogil=True)
-def nearest_on_segment(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> float:
-    """Point of the segment from a to b closest to p, as a share of the length from a."""
-    dx, dy = bx - ax, by - ay
-    along = (px - ax) * dx + (py - ay) * dy
-    square = dx * dx + dy * dy
-    return min(1.0, max(0.0, along / square))
-
-
-@njit(cache=True, nogil=True)
 def clearance_single(
     lengths: Array, base: Array, link_radius: float, q: Array, x: float, y: float, radius: float
 ) -> float:
@@ -27,8 +18,10 @@ def clearance_single(
     for i in range(q.shape[0]):
         phi += q[i]
         bx, by = ax + lengths[i] * np.cos(phi), ay + lengths[i] * np.sin(phi)
-        s = nearest_on_segment(ax, ay, bx, by, x, y)
-        dx, dy = x - ax - s * (bx - ax), y - ay - s * (by - ay)
+        dx, dy = bx - ax, by - ay
+        # the point of the link closest to the disc, as a share of its length
+        s = min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)))
+        dx, dy = x - ax - s * dx, y - ay - s * dy
         nearest = min(nearest, dx * dx + dy * dy)
         ax, ay = bx, by
     return float(np.sqrt(nearest)) - link_radius - radius
