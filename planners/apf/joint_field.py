@@ -110,7 +110,7 @@ def _reach(
 
 @njit(cache=True, nogil=True)
 def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
-    """Braking time t_b, s, for which the torques at the goal use what gravity leaves of the limits.
+    """Braking time t_b, s, for which the torques at the goal use all of the limits that gravity leaves.
 
     The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
     the least k, s^2, for which the torques of ``e / k`` are within the limits. Infinite if there is no solution.

@@ -121,17 +121,17 @@ def _approach(
 ) -> None:
     lower, upper = np.empty(2), np.empty(2)
     for row in range(q.shape[0]):
-        # Bounds of the joint accelerations.
+        # bounds of the joint accelerations
         for i in range(2):
             lower[i], upper[i] = smooth_bounds(
                 qd[row, i], qdd[row, i], period, model.velocity[i], model.acceleration[i], model.jerk[i]
             )
-        # Across the path: the linear field.
+        # across the path: the linear field
         target = _Target(targets.position[row], targets.velocity[row], targets.acceleration[row])
         along = _direction(target)
         x, v, y, vy = _relative_to_target(model, q[row], qd[row], target, along)
         vy += period * linear_field(y, vy, period, bandwidth)
-        # Along it: the attraction within what the limits allow now, and where the hand will meet the target.
+        # along it: the attraction within the limits of the present and of the meeting posture
         now = _response_now(model, q[row], qd[row], qdd[row], target, along, v, vy, period)
         lowest, highest = _interval(now, lower, upper, model.torque)
         if lowest > highest:

@@ -37,7 +37,7 @@ def plan_field(
         problem: with two links if the target is a place of the hand. The limits kept are those of the arm.
         period: control period, s.
         tolerance: distance from the target that counts as reached, m, or rad for a target in joint angles.
-        hold_time: how long a fixed place of the hand must be held, s.
+        hold_time: time for which a fixed place of the hand must be held, s.
 
     Returns:
         The motion: to a place of the hand until it has been held, otherwise over the whole horizon. Its cost is the

@@ -67,7 +67,7 @@ class JointMove:
 
     @property
     def end_loads(self) -> Array:
-        """|value| / limit of every kind and joint at the start and at the end, ``(2, 5, n)``; 0 for what is free."""
+        """|value| / limit of every kind and joint at the start and at the end, ``(2, 5, n)``; 0 if not given."""
         loads = np.zeros((2, *self.limit_table.shape))
         for side, (q, qd, qdd) in enumerate(self.ends):
             tau = self.arm.inverse_dynamics(q, qd, qdd)
@@ -82,7 +82,7 @@ class JointMove:
         return angles
 
     def task(self, basis: Basis, index: Index, tightening: Array) -> TorqueTask:
-        """The index, and the share ``tightening``, ``(5,)``, of each kind of limit; near the ends what those need."""
+        """The index, and the share ``tightening``, ``(5,)``, of each kind of limit, raised near ends that need more."""
         excess = np.maximum(self.end_loads - tightening[:, None], 0.0)
         closeness = np.maximum(1.0 - np.stack([basis.s, 1.0 - basis.s]) / CLOSE, 0.0)
         share = tightening[:, None] + np.einsum("sk,sij->kij", closeness, excess)

@@ -28,7 +28,7 @@ COARSE_DEGREE, COARSE_POINTS = 10, 49
 POINTS_PER_DEGREE = 4
 DENSE_POINTS, SAMPLES, UNIT_POINTS = 1201, 401, 101
 DENSE_LOAD = 1.0 - 1e-5
-"""Largest load a plan may show on the dense grid: a little less than 1, for what lies between two instants."""
+"""Largest load of a plan on the dense grid: less than 1 to allow for larger values between two instants."""
 
 COARSE = Effort(barrier=1e-2, tolerance=1e-4, iterations=45)
 COARSE_AGAIN = Effort(barrier=1e-3, tolerance=1e-4, iterations=40)
@@ -56,7 +56,7 @@ OVERSHOOT = 1e-6
 """Excess, as a fraction of the limit, that is accepted where an end of the move lies on the limit itself."""
 
 BACK_OFF, ATTEMPTS = 1e-4, 6
-"""By how much more than the excess the limits are tightened for the next attempt, and the number of attempts."""
+"""Tightening of the limits beyond the excess for the next attempt, and the number of attempts."""
 
 
 class Fit(NamedTuple):

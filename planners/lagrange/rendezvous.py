@@ -31,7 +31,7 @@ HALVINGS = 5
 MOST_RIDES = 4
 
 BEYOND = 4.0
-"""Latest rendezvous that is searched for when explaining a failure, horizons."""
+"""Latest rendezvous that is searched for, as a multiple of the horizon."""
 
 
 @dataclass(frozen=True)

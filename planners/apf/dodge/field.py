@@ -70,7 +70,7 @@ def dodge_accelerations(
         memory: from `new_memory`, updated in place.
         period: control period, s.
         tolerance: distance from the goal that counts as reached, m.
-        hold_time: how long the goal has to be held, s; the simulated episode ends once it has been held.
+        hold_time: time for which the goal has to be held, s; the simulated episode ends once it has been held.
 
     Returns:
         ``(batch, 2)``, rad/s^2. A row with its goal out of reach brakes and evades.
@@ -142,7 +142,7 @@ def _dodge_batch(
 
 @njit(cache=True, nogil=True)
 def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
-    """Fill in the state of a row, and update how long it has held its goal."""
+    """Fill in the state of a row, and update the time for which it has held its goal."""
     angle = 0.0
     x = y = 0.0
     for i in range(2):

@@ -1,7 +1,7 @@
 """The two-link arm for compiled code: attraction and repulsion of the whole arm, and the limits of its joints.
 
-* Attraction: a conic well around a posture, with limited force, and velocity limited to what can be braked on the
-  remaining distance (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986).
+* Attraction: a conic well around a posture, with limited force, and velocity that can be braked on the remaining
+  distance (O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986).
 * Repulsion: away from a disc at the point of the arm that is closest to it, mapped to the joints by the transposed
   Jacobian of that point (Khatib's FIRAS applied to every link).
 * Circulation, at right angles to the repulsion (L. Singh, H. Stephanou, J. Wen, "Real-time robot motion control with

@@ -113,7 +113,7 @@ class Scratch(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What every candidate is rated with."""
+    """The problem and the buffers shared by all candidates."""
 
     situation: Situation
     options: Options
