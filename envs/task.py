@@ -21,7 +21,7 @@ from envs.physics.actuation import (
     actuation_constants,
     actuation_env_fields,
 )
-from envs.physics.world import World, arm_constants, arm_fields, model_record, whole_multiple
+from envs.physics.rigid_bodies import World, arm_constants, arm_fields, model_record, whole_multiple
 from envs.rendering import Scene
 from envs.settings import Settings
 from planners import Arm, MotionProblem

@@ -77,7 +77,8 @@ class TrainingConfig(Settings):
         whole_episodes: the policy acts once an episode; steps then count episodes.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
-        baselines: experts; the best of them on the same seeds is reported beside the agent.
+        baselines: experts; the best of them on the same seeds is reported beside the agent. If left out, all that the
+            task's card names.
     """
 
     env: str
@@ -106,7 +107,7 @@ class TrainingConfig(Settings):
     whole_episodes: bool = False
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
-    baselines: tuple[str, ...] = Field(("dpct", "lagrange", "apf"), min_length=1)
+    baselines: tuple[str, ...] | None = Field(None, min_length=1)
 
     @property
     def segment_steps(self) -> int:

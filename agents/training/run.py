@@ -65,7 +65,7 @@ class TrainingRun:
             ValueError: if the folder is not empty, or the configuration names something that does not exist.
         """
         fine_elements(config, layout_of(config.env, config.env_config))
-        refuse_unknown(config.baselines, expert_names(config.env), "expert")
+        refuse_unknown(config.baselines or (), expert_names(config.env), "expert")
         if config.warm_start:
             with closing(gym.make(config.env, **config.env_config)) as env:
                 envs.make_expert(config.warm_start.expert, env)

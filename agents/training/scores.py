@@ -11,6 +11,7 @@ from agents.evaluation.evaluate import evaluate
 from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
+from envs.experts import expert_names
 
 Row = dict[str, Any]  # a row of metrics.csv, by column
 
@@ -27,7 +28,7 @@ def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
 def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> Row:
     """The columns of the best baseline: its name and its scores; ``begin`` is called with a line about each one."""
     scores = {}
-    for name in config.baselines:
+    for name in config.baselines or expert_names(config.env):
         begin(f"evaluating {name}")
         scores[name] = score(name, config)
     best = max(scores, key=lambda name: merit(scores[name]))

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from envs.excavator_payload.world import N_JOINTS
-from envs.physics.world import Records
+from envs.physics.rigid_bodies import Records
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.newton_euler import torque_single

@@ -1,7 +1,7 @@
 """The physics of boom, arm and bucket: centres of mass off the links' axes, friction, lag, and a changing load.
 
-The bodies, joints and steps are those of `envs.physics.world`. Here a body's frame is its link's frame, with the origin
-at its joint, and Chipmunk stores the centre of mass in it: a load moves that centre, but neither frame nor joint.
+The bodies, joints and steps are those of `envs.physics.rigid_bodies`. Here a body's frame is its link's frame, with the
+origin at its joint, and Chipmunk stores the centre of mass in it: a load moves it, but neither frame nor joint.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from envs.physics import chipmunk
-from envs.physics.world import read_joint_state, remove_joints, renew_joint, step_physics
+from envs.physics.rigid_bodies import read_joint_state, remove_joints, renew_joint, step_physics
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
 

@@ -45,7 +45,7 @@ class Expert(ABC):
         self._payload: Array = np.zeros(0)
         if task.action_space().shape != (task.arm.n_joints,):
             raise ValueError(
-                f"experts give one number a joint, and control_mode {task.config.control_mode!r} of {task.env_id} "
+                f"experts give one number per joint, and control_mode {task.config.control_mode!r} of {task.env_id} "
                 "takes another kind of action; leave it out"
             )
         self._scale = action_scale(task.arm, task.actuation_mode(task.config))

@@ -11,7 +11,7 @@ from numba import njit
 from envs.obstacle_dodge.paths import PATH_STEP
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
-from envs.physics.world import read_joint_state, step_physics
+from envs.physics.rigid_bodies import read_joint_state, step_physics
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, two_link_branch
 

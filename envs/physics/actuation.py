@@ -1,4 +1,7 @@
-"""From action to motion: the control modes, the actuators' torque limits, and the measured use of the joint limits."""
+"""From action to joint torques: the control modes and torque limits; and the measured use of the joint limits.
+
+`envs.physics.rigid_bodies` turns the torques into motion.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numba import njit
 
-from envs.physics.world import advance
+from envs.physics.rigid_bodies import advance
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
     TORQUE_SHARE,

@@ -6,7 +6,7 @@ from typing import Any
 
 from numba import njit
 
-from envs.physics.world import place_arm
+from envs.physics.rigid_bodies import place_arm
 
 
 @njit(cache=True, nogil=True)

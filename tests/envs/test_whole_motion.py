@@ -92,5 +92,5 @@ def test_a_environment_equals_the_single_environment() -> None:
 
 
 def test_experts_say_that_they_choose_no_motions() -> None:
-    with pytest.raises(ValueError, match=r"experts act at every instant.*'motion'"):
+    with pytest.raises(ValueError, match=r"experts give one number per joint.*'motion'"):
         envs.make_expert("lagrange", gym.make(ENV, **MOTION))

@@ -4,7 +4,7 @@ import pytest
 from numba import njit
 
 from envs.physics import chipmunk
-from envs.physics.world import whole_multiple
+from envs.physics.rigid_bodies import whole_multiple
 
 set_position, set_velocity = chipmunk.body_set_position, chipmunk.body_set_velocity
 get_position, get_velocity = chipmunk.body_get_position, chipmunk.body_get_velocity

@@ -1,4 +1,4 @@
-"""The physics: arms as rigid bodies joined by pivots in Pymunk, one space per environment.
+"""From joint torques to motion: arms as rigid bodies joined by pivots in Pymunk, one space per environment.
 
 Three choices make Pymunk a good manipulator simulator (``python -m tools.physics_fidelity`` measures the effect):
 
