@@ -168,14 +168,42 @@ if __name__ == "__main__":
     assert run(RolloutOptions(env="UserReach-v0", policy="quintic", record=Path("last.png"))) == 0
 """
 
+TRAIN = """
+from pathlib import Path
+
+import reach_task
+
+import agents
+from agents.training.recipe import TrainingConfig
+from agents.training.run import TrainingRun
+
+small = {"total_steps": 800, "num_envs": 4, "rollout_steps": 50, "batch_size": 100, "evaluation_episodes": 2}
+run = TrainingRun.begin(Path("run"), TrainingConfig.parse({"env": "UserReach-v0", **small}, "setting"), "a test")
+run.train()
+assert run.state.rows[-1]["expert"] == "quintic"
+agent = agents.load_agent("run")
+assert agents.evaluate(agent, "UserReach-v0", range(2)).lengths.all()
+"""
+
+
+def in_a_users_folder(folder: Path, program: str) -> None:
+    """Run a program beside a user's own task, in a process of its own, outside the repository."""
+    (folder / "reach_task.py").write_text(USERS_TASK)
+    (folder / "use.py").write_text(program)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)])}
+    done = subprocess.run([sys.executable, "use.py"], cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
 
 def test_a_users_package_brings_its_own_task(tmp_path: Path) -> None:
-    (tmp_path / "reach_task.py").write_text(USERS_TASK)
-    (tmp_path / "use.py").write_text(USE)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
-    done = subprocess.run([sys.executable, "use.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    in_a_users_folder(tmp_path, USE)
     assert (tmp_path / "last.png").stat().st_size > 0
+
+
+@pytest.mark.rl
+def test_an_agent_is_trained_for_a_users_task_beside_its_experts(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
+    in_a_users_folder(tmp_path, TRAIN)
 
 
 @every_env
