@@ -7,9 +7,9 @@ jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Mani
   exact in time and checked on a dense grid.
 - ``variant="paper"`` (:mod:`planners.dpct.paper`): the search of the paper in the phase plane, with its own clock.
 - ``variant="torque"`` (:mod:`planners.dpct.torque.planner`): to rest at a fixed target exactly at the horizon, with the
-  least torque on the straight way there; limits of jerk are not kept.
+  least torque on the straight path there; limits of jerk are not kept.
 - ``variant="timing"`` (:mod:`planners.dpct.timing.planner`): to rest at a fixed target past moving discs, by the
-  timing of a straight way; limits of jerk are not kept.
+  timing of a straight path; limits of jerk are not kept.
 """
 
 from __future__ import annotations

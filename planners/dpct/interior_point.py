@@ -217,7 +217,7 @@ def _index_model(
                 linear[k, place[a]] += entry * x[b]
                 linear[k, 3] += x[a] * x[b] * (position - velocity / time**2)
                 hessian[k, 3, 3] += 2.0 * x[a] * x[b] * velocity / time**3
-        hessian[k, 4, 4] += 1e-12  # keeps the control determined where nothing else weighs it
+        hessian[k, 4, 4] += 1e-12  # keeps the Hessian positive definite in the control
     linear[0, 3] += weight_time
 
 

@@ -107,7 +107,7 @@ def plan_optimal(
 
 
 def _merit(plan: Trajectory, time_weight: float) -> tuple[float, float]:
-    """What the better elbow has less of."""
+    """Comparison key of two plans; smaller is better."""
     if math.isinf(time_weight):
         return plan.rendezvous_time, plan.cost
     return time_weight * plan.rendezvous_time + plan.cost, 0.0
@@ -145,7 +145,7 @@ def _within_limits(
         found = find_rendezvous(line, tracking._replace(inverse_limits=1.0 / limits), windows, aim, guess)
         if found is None and attempt > 0:
             return None
-        if found is None:  # it may take all there is
+        if found is None:  # retry with the full limits
             tightening = np.ones((4, 1))
             continue
         window, solution = found
@@ -177,7 +177,7 @@ def _no_window(line: Line, windows: list[Window], rendezvous_time: float | None)
     if windows:
         asked = f"within the horizon of {horizon:.4g} s" if rendezvous_time is None else f"at {rendezvous_time:.4g} s"
         spans = ", ".join(f"{window.opens:.4g} to {window.closes:.4g} s" for window in windows)
-        return Infeasible("no_window", f"no riding with the target {asked}, only from {spans}", windows=windows)
+        return Infeasible("no_window", f"the hand cannot follow the target {asked}, only from {spans}", windows=windows)
     loads = ride_load(line, np.linspace(0.0, horizon, 201))
     load = loads[loads.max(axis=(1, 2)).argmin()]
     if math.isinf(load.max()):

@@ -15,7 +15,7 @@ up with a part that moves at constant speed along the line the hand is on. Equat
     (28)  a step costs dt ((x1[i] - x~1(k))^2 + (x2[j] - x~2)^2)
     (30)  J*(i, j) = min over l of the step's cost + J*(i + 1, l), over the steps within the limits (3) to (6)
 
-This module reproduces that, faults included, and says what becomes of the result on a real clock: use it to study the
+This module reproduces that, faults included, and also executes the result in real time: use it to study the
 paper, and :mod:`planners.dpct` to plan. Where the paper leaves a choice, :class:`Reading` names it.
 """
 
@@ -46,11 +46,11 @@ class Reading:
         name: what tables call it.
         step: duration of a step. ``"euler"`` is eq 26, with the next state's speed where the hand is at rest and eq 26
             divides by zero; ``"exact"`` is ``2 dx1 / (x2[j] + x2[l])``, the time constant acceleration takes.
-        price_wait: whether the time the hand rests at (0, 0), until the clock of the first step says go, counts in J.
+        price_wait: whether the rest at (0, 0) before the first step counts in J.
         target_fraction: Nt / N2, in (0, 1].
         line: length of the line, m: where r = 1 lies ahead of the start.
-        m11_slip: ``(a, b)``, kg m^2: takes the mass matrix element M11 for a + b cos(q2) more than it is, to try slips
-            of the pen in the original program.
+        m11_slip: ``(a, b)``, kg m^2: error a + b cos(q2) added to the mass matrix element M11, to test for errors in
+        the original program.
 
     Raises:
         ValueError: if a value is out of its range.
@@ -91,9 +91,9 @@ class PhasePath:
         reading: how the paper was read.
         r: progress x1 at the stages, ``(N1 + 1,)``.
         rate: dr/dt, x2 at the stages, ``(N1 + 1,)``, 1/s.
-        clock: the search's own clock at the stages, ``(N1 + 1,)``, s; its first entry is when it wants the hand to go.
+        clock: the search's own clock at the stages, ``(N1 + 1,)``, s; its first entry is the start time of the motion.
         qd: joint velocities at the stages (eq 10), ``(N1 + 1, n)``, rad/s.
-        tau: torques the search believes in, held from a stage to the next, ``(N1, n)``, N m.
+        tau: joint torques by the search's own clock, constant between stages, ``(N1, n)``, N m.
         cost: J* of the start node (eq 30), s.
     """
 
@@ -118,7 +118,7 @@ class PhasePath:
 
     @property
     def clock_error(self) -> float:
-        """By how much the search wants to go before t_0 (0 when it waits), s."""
+        """Time by which the search's start precedes t_0, s; 0 if the start is at or after t_0."""
         return max(0.0, -float(self.clock[0]))
 
     @cached_property
@@ -154,7 +154,7 @@ class PhasePath:
 
 
 def plan_paper(problem: MotionProblem, *, grid: tuple[int, int] = (50, 100), reading: Reading = LITERAL) -> Trajectory:
-    """Plan as the paper does, and tell what becomes of it on a real clock.
+    """Plan as the paper does, and return the motion that results in real time.
 
     Args:
         problem: an arm of two or three links at rest, and a :class:`MovingHand` target of constant velocity on whose

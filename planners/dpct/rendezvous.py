@@ -112,13 +112,13 @@ def _optimum(line: Line, tracking: Tracking, low: float, high: float, aim: Aim, 
     """The optimum over ``[low, high]``; with more care where the first attempt fails."""
     if low == high:
         return meets_at(tracking, low)
-    if guess is None:  # an infeasible time is a bad place to start from, so rather too late
+    if guess is None:  # start from a late (feasible) time: the solver converges poorly from an infeasible one
         first = guess_time(tracking, low, high)
         guess = min(1.5 * first, 0.5 * (first + high))
     for time, largest_change in ((guess, BOLD), (0.5 * (low + high), CAREFUL)):
         weights = _weights(line, aim, time, _quintic_index(tracking, time))
         solution = solve(tracking, time, low, high, *weights, largest_change)
-        # the very end is hardly ever the earliest time: there the steps of T may have died out too soon
+        # a solution at the upper bound is suspect: the steps in T may have stalled before the optimum
         doubtful = aim.time_weight is None and solution.time > 0.999 * high
         if solution.converged and not doubtful:
             return solution

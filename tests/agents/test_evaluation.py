@@ -90,9 +90,9 @@ def test_the_papers_start_is_the_same_for_every_seed() -> None:
 
 
 def test_progress_counts_the_episodes() -> None:
-    told: list[int] = []
-    agents.evaluate(Linear(), ENV_ID, range(7), num_envs=3, progress=told.append)
-    assert told == [3, 3, 1]
+    reported: list[int] = []
+    agents.evaluate(Linear(), ENV_ID, range(7), num_envs=3, progress=reported.append)
+    assert reported == [3, 3, 1]
 
 
 class Planner(Linear):

@@ -97,27 +97,29 @@ def test_the_released_agent_and_all_that_its_json_says(
         )
 
     chosen = max(range(3), key=lambda seed: returns(seed, 2_000_000))  # none of them ever succeeds
-    told = shipped.document
-    assert told["training"]["seed"] == chosen
+    document = shipped.document
+    assert document["training"]["seed"] == chosen
     for name, tensor in agent(chosen).tensors.items():
         np.testing.assert_array_equal(shipped.tensors[name], tensor)
-    assert told["scores"] == agent(chosen).document["scores"]
-    assert told["env_config"] == SETTINGS
-    assert told["selection"]["seeds"] == [2_000_000, 2_000_000 + EPISODES - 1]
-    assert told["selection"]["return"] == returns(chosen, 2_000_000)
-    assert told["held_out"]["seeds"] == [0, EPISODES - 1]
-    assert told["held_out"]["return"] == returns(chosen, 0)
-    assert told["held_out"]["env_config"] == {"control_mode": "jerk"}
-    assert told["held_out"]["settling_time"] is None  # never
+    assert document["scores"] == agent(chosen).document["scores"]
+    assert document["env_config"] == SETTINGS
+    assert document["selection"]["seeds"] == [2_000_000, 2_000_000 + EPISODES - 1]
+    assert document["selection"]["return"] == returns(chosen, 2_000_000)
+    assert document["held_out"]["seeds"] == [0, EPISODES - 1]
+    assert document["held_out"]["return"] == returns(chosen, 0)
+    assert document["held_out"]["env_config"] == {"control_mode": "jerk"}
+    assert document["held_out"]["settling_time"] is None  # never
     z = 1.959963984540054  # Wilson's interval of no success
-    assert told["held_out"]["success"] == pytest.approx({"value": 0.0, "low": 0.0, "high": z**2 / (EPISODES + z**2)})
-    assert "highest success, then the highest mean return" in told["selection"]["rule"]
-    assert [(row["seed"], row["steps"], row["best_steps"], row["seconds"]) for row in told["seeds"]] == [
+    assert document["held_out"]["success"] == pytest.approx(
+        {"value": 0.0, "low": 0.0, "high": z**2 / (EPISODES + z**2)}
+    )
+    assert "highest success, then the highest mean return" in document["selection"]["rule"]
+    assert [(row["seed"], row["steps"], row["best_steps"], row["seconds"]) for row in document["seeds"]] == [
         (seed, 200, 100, 13.0) for seed in range(3)
     ]
-    assert [row["held_out"]["return"] for row in told["seeds"]] == [returns(seed, 0) for seed in range(3)]
+    assert [row["held_out"]["return"] for row in document["seeds"]] == [returns(seed, 0) for seed in range(3)]
     over_seeds = [returns(seed, 0) for seed in range(3)]
-    assert told["over_seeds"]["return"] == pytest.approx(
+    assert document["over_seeds"]["return"] == pytest.approx(
         {
             "mean": np.mean(over_seeds),
             "std": np.std(over_seeds, ddof=1),
@@ -196,5 +198,5 @@ def test_real_runs_are_released_and_drawn(tmp_path: Path, capsys: pytest.Capture
     assert cli.main(["curves", *map(str, folders)]) == 0
     assert "|PPO alone   |    2|" in capsys.readouterr().out
     assert main(ReleaseOptions(tuple(folders), out=tmp_path / "out", episodes=2)) == 0
-    told = json.loads((tmp_path / "out" / f"{CONVEYOR}.json").read_text())
-    assert [row["seed"] for row in told["seeds"]] == [0, 1]
+    document = json.loads((tmp_path / "out" / f"{CONVEYOR}.json").read_text())
+    assert [row["seed"] for row in document["seeds"]] == [0, 1]

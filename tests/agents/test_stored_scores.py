@@ -128,7 +128,7 @@ def test_scores_are_written_and_checked(
     before = path.read_bytes()
     capsys.readouterr()
     assert main(ScoresOptions(check=True, out=path)) == 1
-    told = capsys.readouterr().err
-    assert f"{follower_alone}: follower: success was" in told
-    assert f"{follower_alone}: gone: success is stored but not scored" in told
+    printed = capsys.readouterr().err
+    assert f"{follower_alone}: follower: success was" in printed
+    assert f"{follower_alone}: gone: success is stored but not scored" in printed
     assert path.read_bytes() == before

@@ -213,9 +213,9 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[
     while process.poll() is None and not (folder / "checkpoint.pt").exists():
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate()
+    _, printed = process.communicate()
     assert process.returncode == 130
-    assert f"--resume {folder}" in told
+    assert f"--resume {folder}" in printed
     assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
 
 

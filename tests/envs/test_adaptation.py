@@ -1,4 +1,4 @@
-"""Experts with a mass on the hand that nobody tells them, in every task."""
+"""Experts with an unknown mass on the hand, in every task."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ def test_what_is_known_travels_in_the_state(env_id: str, name: str) -> None:
     with closing(gym.make_vec(env_id, num_envs=2, payload=0.3)) as env:
         expert = envs.make_expert(name, env, adaptive=True)
         observations, _ = env.reset(seed=1)
-        state, told = None, []
+        state, calls = None, []
         for _ in range(8):
-            told.append((observations, state))
+            calls.append((observations, state))
             action, state = expert.predict(observations, state)
             observations, *_ = env.step(action)
-        (early, known), (late, _) = told[5], told[7]
+        (early, known), (late, _) = calls[5], told[7]
         before = expert.predict(early, known)[0]
         expert.predict(late, state)
         np.testing.assert_array_equal(expert.predict(early, known)[0], before)

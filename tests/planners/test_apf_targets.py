@@ -50,7 +50,7 @@ def follow(
 def belt_start(
     x: float = -0.8, y: float = 1.732, offset: float = 0.1, speed: float = 0.2, acceleration: float = 0.0
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """The start of the conveyor-tracking paper unless told otherwise."""
+    """The start of the conveyor-tracking paper unless given."""
     q = SCARA_1M.inverse_kinematics([x, y])[:1]
     return q, (np.array([[x - offset, y]]), np.array([[speed, 0.0]]), np.array([[acceleration, 0.0]]))
 

@@ -137,8 +137,8 @@ def test_time_weight_trades_time_for_index() -> None:
     for weight, plan in zip((0.1, 0.02), plans[1:], strict=True):
         for other in (0.98, 1.1):
             time = other * plan.rendezvous_time
-            rival = dpct.plan(conveyor(limits=TORQUE_ONLY), rendezvous_time=time)
-            assert weight * plan.rendezvous_time + plan.cost <= weight * time + rival.cost + 1e-5
+            alternative = dpct.plan(conveyor(limits=TORQUE_ONLY), rendezvous_time=time)
+            assert weight * plan.rendezvous_time + plan.cost <= weight * time + alternative.cost + 1e-5
 
 
 def test_reverse_may_be_allowed() -> None:

@@ -94,7 +94,7 @@ def test_one_joint_has_a_cubic_for_the_least_squared_torque() -> None:
 
 
 def test_one_joint_needs_the_time_of_bang_bang() -> None:
-    with pytest.raises(Infeasible, match=r"late: the straight way takes 1\.4143 s; .*raise it") as refusal:
+    with pytest.raises(Infeasible, match=r"late: the straight path takes 1\.4143 s; .*raise it") as refusal:
         plan(move(ROD, [0.3], [1.3], 1.4))
     assert refusal.value.reason == "late"
     assert math.sqrt(2.0) <= refusal.value.details["minimum_time"] <= 1.0002 * math.sqrt(2.0)  # type: ignore[operator]
@@ -336,11 +336,11 @@ def test_time_and_torque_index_are_the_planners_own() -> None:
     ("problem", "message"),
     [
         (move(ROD, [0.0], [1.0], 2.0, qd=np.array([-0.5])), "start: the arm moves away from the target"),
-        (move(ROD, [0.0], [1.0], 2.0, qd=np.array([3.0])), r"start: the arm starts 1\.5 times as fast"),
+        (move(ROD, [0.0], [1.0], 2.0, qd=np.array([3.0])), r"start: the start speed is 1\.5 times the largest"),
         (move(PLANAR_3R, [0.0] * 3, [1.0, 0.0, 0.0], 1.0, qd=np.ones(3)), "start: the joints move .* across"),
         (move(PLANAR_3R, [0.0] * 3, [0.0, 2.7, 0.0], 1.0), "limits: joint 2 leaves its range of angles"),
         (move(UPRIGHT, [-1.6, 0.0, 0.0], [0.0] * 3, 2.0, payload=5.0), "limits: joint . holds the arm at the target"),
-        (move(WEAK, [-math.pi / 2], [math.pi / 2], 2.0), "limits: the limits ask for a start at"),
+        (move(WEAK, [-math.pi / 2], [math.pi / 2], 2.0), "limits: the limits require a start at"),
         (move(UPRIGHT, [0.0] * 3, [-math.pi / 2, 0.0, 0.0], 9.0, payload=5.0), "limits: at .* no speed leads to rest"),
     ],
     ids=["backwards", "too fast", "across", "range", "hold", "climb", "brake"],

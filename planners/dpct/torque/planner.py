@@ -4,7 +4,7 @@ The dynamic program of "Motion Planning of a Robot Manipulator for Conveyor Trac
 M. S. Ko) over the phase plane of the progress ``r`` along a path and its rate, with three changes. A step takes the
 time that constant acceleration takes (eq 26 divides by zero at rest). Its cost is the torque index of "Trajectory
 planning for torque minimization of robot manipulators using the Lagrange interpolation method" (eq 6, as an integral)
-in place of eq 28. And the time for the whole is met by a price on it, in place of the clock of eq 27.
+in place of eq 28. And the given duration is met by a Lagrange multiplier on time, in place of the clock of eq 27.
 
 Only the speed along the path is chosen, so the index cannot fall below that of the best motion on the path; a planner
 that bends the path may do better.
@@ -60,8 +60,8 @@ ON_TIME = 1e-9
 """Difference, as a fraction, between the duration and the horizon that is rounding."""
 
 START_TOLERANCE = 1e-3
-"""Excess, as a fraction, of the largest squared speed at the start that still counts as that: a plan made on the way of
-another one that already brakes as hard as it may starts on the edge."""
+"""Relative excess over the largest feasible squared start speed that is accepted: a replan during braking at the
+limit starts on the boundary."""
 
 STANDSTILL = 1e-9
 """Speed, as a fraction of the fastest, that is rest but for rounding."""
@@ -70,11 +70,11 @@ KINDS = ("torque", "velocity", "acceleration")
 
 
 def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages: int = STAGES) -> Trajectory:
-    """Come to rest at a fixed target when the horizon is over, with the least torque on the straight way there.
+    """Come to rest at a fixed target when the horizon is over, with the least torque on the straight path there.
 
-    Straight in joint angles for a target in joint angles (and for a hand that has to turn), else straight for the hand.
-    The way is never gone backwards; where time is left over the motion may rest on it, or at either end, where that
-    takes least torque.
+    Straight in joint angles for a target in joint angles (and for a hand whose orientation changes), else straight
+    for the hand. The arm never moves backwards on the path; where time is left over it may rest on it, or at either
+    end, where that takes least torque.
 
     Limits of torque, velocity and acceleration, and joint ranges, are kept on a dense grid of samples. The path's
     acceleration is constant from stage to stage and jumps between, so no finite limit of jerk is kept (its ratio is
@@ -82,7 +82,7 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     shorter and higher pulses: the stages then bound them.
 
     Args:
-        problem: at rest, or moving along the way towards the target; obstacles play no part.
+        problem: at rest, or moving along the path towards the target; obstacles play no part.
         objective: ``"PI1"``, the integral of the summed absolute torques (N m s), or ``"PI2"``, of their squares.
         stages: steps of constant acceleration.
 
@@ -91,8 +91,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
 
     Raises:
         Infeasible: ``late`` if the horizon is too short, with the least time that does as ``minimum_time``;
-            ``start`` if the arm moves across or against the way, or too fast to stop in time; ``limits`` if the limits
-            allow no motion on the way; ``unreachable`` if the way leaves the reach.
+            ``start`` if the arm moves across or against the path, or too fast to stop in time; ``limits`` if the limits
+            allow no motion on the path; ``unreachable`` if the path leaves the reach.
         ValueError: if the target moves, or an option is out of range.
     """
     if isinstance(problem.target, MovingHand):
@@ -108,7 +108,7 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     least = corridor.duration(fastest)
     if horizon < least:
         message = (
-            f"the straight way takes {math.ceil(1e4 * least) / 1e4:.4f} s; the horizon is {horizon:.4g} s, raise it"
+            f"the straight path takes {math.ceil(1e4 * least) / 1e4:.4f} s; the horizon is {horizon:.4g} s, raise it"
         )
         raise Infeasible("late", message, minimum_time=least * (1.0 + 1e-9), horizon=horizon)
     for _ in range(ATTEMPTS):
@@ -124,7 +124,7 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
 
 @dataclass(frozen=True)
 class _Way:
-    """The straight way of a problem, ``r`` from 0 to 1: its path, the path's length (0 where the start is the
+    """The straight path of a problem, ``r`` from 0 to 1: its path, the path's length (0 where the start is the
     target), the stages ``r`` ``(N + 1,)``, and the rate of r at time 0, 1/s.
     """
 
@@ -141,7 +141,7 @@ class _Way:
 
     @cached_property
     def track(self) -> Track:
-        """The way for the kernels, with the limits of the problem."""
+        """The path for the kernels, with the limits of the problem."""
         arm, limits = self.problem.loaded_arm, self.problem.joint_limits
         middles = 0.5 * (self.r[:-1] + self.r[1:])
         q, slope, curvature = self.joints(np.insert(self.r, np.arange(1, len(self.r)), middles))
@@ -167,7 +167,7 @@ def _way(problem: MotionProblem, stages: int) -> _Way:
     outside = np.argwhere(np.abs(q) > np.array(problem.joint_limits.angle) + 1e-9)
     if len(outside):
         sample, joint = outside[0]
-        message = f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight way"
+        message = f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight path"
         raise Infeasible("limits", message, kind="angle", joint=int(joint))
     still = np.zeros(problem.arm.n_joints)
     held = np.abs(problem.loaded_arm.bias(q[-1], still)) / np.array(problem.joint_limits.torque)
@@ -190,7 +190,7 @@ def _fastest_within_limits(way: _Way, objective: Objective) -> Corridor:
 
 def _between_stages() -> Infeasible:
     """Backing off has not helped."""
-    return Infeasible("limits", "the limits cannot be kept between the stages of the straight way; give more stages")
+    return Infeasible("limits", "the limits cannot be kept between the stages of the straight path; give more stages")
 
 
 def _corridor(way: _Way, objective: Objective, limits: Array) -> Corridor:
@@ -201,16 +201,16 @@ def _corridor(way: _Way, objective: Objective, limits: Array) -> Corridor:
     blocked = np.flatnonzero(np.isnan(low))
     if len(blocked):
         r = float(way.r[blocked[-1]])
-        message = f"at {r:.0%} of the straight way no speed leads to rest at the target within the limits; raise them"
+        message = f"at {r:.0%} of the straight path no speed leads to rest at the target within the limits; raise them"
         raise Infeasible("limits", message, r=r)
     if way.speed**2 > high[0] * (1.0 + START_TOLERANCE):
         most = math.sqrt(high[0])
         ratio = way.speed / most if most > 0.0 else math.inf
-        message = f"the arm starts {ratio:.4g} times as fast as it may to come to rest at the target within its limits"
+        message = f"the start speed is {ratio:.4g} times the largest from which the arm can stop at the target"
         raise Infeasible("start", message, speed=way.speed, limit=most)
     if way.speed**2 < low[0]:
         least = math.sqrt(low[0])
-        message = f"the limits ask for a start at {least:.3g} of the straight way per second, not {way.speed:.3g}"
+        message = f"the limits require a start at {least:.3g} or more of the path per second, not {way.speed:.3g}"
         raise Infeasible("limits", message, speed=way.speed, limit=least)
     start = min(way.speed, math.sqrt(high[0]))
     slowest, fastest = (extreme_profile(track, low, high, ceiling, start, fast) for fast in (False, True))

@@ -1,9 +1,10 @@
 """The speed profile of least torque that takes exactly the time given: a dynamic program in the phase plane, refined.
 
-The time is a constraint, so it gets a price: the program minimises index + rate x duration, and the rate is sought at
-which the duration is right. On a grid the duration jumps with the rate, past the one wanted. The two profiles on either
-side are then mixed in ``x = v^2``: torque and joint acceleration are linear in x and its derivative, so a mixture of
-two profiles within the limits is within them too, at every r, and one mixture takes exactly the time.
+The duration is a constraint with a Lagrange multiplier ``rate``: the program minimises index + rate x duration, and
+the rate is found at which the duration is met. On a grid the duration jumps with the rate, past the one wanted. The
+two profiles on either side are then mixed in ``x = v^2``: torque and joint acceleration are linear in x and its
+derivative, so a mixture of two profiles within the limits is within them too, at every r, and one mixture takes
+exactly the time.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Profile(NamedTuple):
 
 @dataclass(frozen=True)
 class Corridor:
-    """What is possible, and what is asked for.
+    """The feasible speeds along a path, and the required duration and index.
 
     Attributes:
         track: the path and its limits.
@@ -111,7 +112,7 @@ def least_torque(corridor: Corridor) -> Profile:
     steps = _Steps.between(corridor, _first_grid(corridor))
     found = (_without_rest(corridor, steps), _with_rest(corridor, steps))
     profiles = [profile for profile in found if profile is not None]
-    if not profiles:  # the grid is too coarse for what little is possible
+    if not profiles:  # the grid is too coarse for the narrow feasible set
         spare = corridor.horizon - corridor.duration(corridor.slowest)
         at_goal = Profile(corridor.slowest, spare, len(corridor.slowest) - 1)
         profiles = [at_goal if spare > 0.0 else mix(corridor, corridor.fastest, corridor.slowest)]
@@ -154,7 +155,7 @@ def _refine(corridor: Corridor, profile: Profile) -> Profile:
 def _with_rest(corridor: Corridor, steps: _Steps) -> Profile | None:
     """Rest where that costs least for the time left over; None if there is none left, or no stop.
 
-    The price of time is then what it costs at rest, and the motion between the rests takes what time it likes.
+    The time multiplier is then the torque index per second of rest, and the duration of the moving part is free.
     """
     rates = corridor.rest_rates
     stage = int(rates.argmin())

@@ -23,7 +23,7 @@ ROUNDING = 1e-7
 
 
 class Track(NamedTuple):
-    """A path as the kernels want it; the quantities by ``r`` at every stage and half-way between, ``(2 N + 1, n)``.
+    """A path in the form the kernels need; quantities by ``r`` at every stage and half-way between, ``(2 N + 1, n)``.
 
     Attributes:
         widths: of the steps in r, ``(N,)``.
