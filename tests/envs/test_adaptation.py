@@ -104,7 +104,7 @@ def test_what_is_known_travels_in_the_state(env_id: str, name: str) -> None:
             calls.append((observations, state))
             action, state = expert.predict(observations, state)
             observations, *_ = env.step(action)
-        (early, known), (late, _) = calls[5], told[7]
+        (early, known), (late, _) = calls[5], calls[7]
         before = expert.predict(early, known)[0]
         expert.predict(late, state)
         np.testing.assert_array_equal(expert.predict(early, known)[0], before)
