@@ -125,16 +125,18 @@ def scale_into_torque(
     the share of the limits that is used. ``qdd`` becomes zero where even zero exceeds a limit; ``tau`` is filled with
     the torques of the scaled accelerations.
     """
+    held_torque_single(coupling, weight, q, qd, qdd, period, tau)
+    if _share_of_all(tau, tau, limit, used) == 1.0:  # the common case, without the torques at rest
+        return
     still = np.empty(q.shape[0])
     held_torque_single(coupling, weight, q, qd, np.zeros(q.shape[0]), period, still)
     for _ in range(passes):
-        held_torque_single(coupling, weight, q, qd, qdd, period, tau)
         share = _share_of_all(still, tau, limit, used)
         if share == 1.0:
             return
         for i in range(q.shape[0]):
             qdd[i] *= share
-    held_torque_single(coupling, weight, q, qd, qdd, period, tau)
+        held_torque_single(coupling, weight, q, qd, qdd, period, tau)
 
 
 @njit(cache=True, nogil=True)

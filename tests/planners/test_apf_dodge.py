@@ -253,6 +253,14 @@ def test_the_time_to_a_posture_is_that_of_the_slower_joint(
     assert found == pytest.approx(max(times), abs=1e-6)
 
 
+def test_held_torques_are_the_inverse_dynamics_half_a_period_ahead() -> None:
+    hanging = replace(ARM, gravity=9.81)
+    q, qd, qdd, half = np.array([0.4, -1.3]), np.array([1.1, -2.0]), np.array([5.0, -9.0]), 0.01
+    found = whole_arm.held_torques(whole_arm.make_body(hanging), q, qd, *qdd, 2.0 * half)
+    wanted = hanging.inverse_dynamics(q + half * (qd + 0.5 * half * qdd), qd + half * qdd, qdd)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
 def predicted(gains: DodgeGains, observed: list[Array], at: Array) -> Array:
     """Predicted places of a disc at ``at`` whose velocities were ``observed`` one period apart."""
     memory, instants, trends = new_memory(1, 1), make_instants(gains), np.empty((1, 4))
