@@ -37,7 +37,7 @@ COMMANDS = {
 DESCRIPTION = """\
 Simulated planar robot arms, with classical planners and PPO agents for the same tasks.
 
-  planarm benchmark                                         the leaderboard, in two minutes
+  planarm benchmark                                         the leaderboard
   planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
   planarm paths ObstacleDodge-v0 --plot paths.png           draw the paths of three experts
   planarm COMMAND --help                                    the options of a command
