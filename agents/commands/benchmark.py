@@ -25,7 +25,7 @@ from envs.settings import refuse_unknown
 class BenchmarkOptions:
     """Score policies on tasks and print the leaderboard, beside the best known optimum and published figures.
 
-    Learnt policies are compared with each expert in pairs, on the same episodes. Takes about two minutes. Ctrl-C prints
+    Learnt policies are compared with each expert in pairs, on the same episodes. Takes some minutes. Ctrl-C prints
     what is finished. Where the output is no terminal, tables are Markdown.
 
     For example:
