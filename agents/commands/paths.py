@@ -34,8 +34,9 @@ agent --seed 12 --plot docs/paths_excavator_payload.png
 
     env: tyro.conf.Positional[str]
     """Id of the environment, such as ObstacleDodge-v0."""
-    policies: tuple[str, ...] = ("dpct", "lagrange", "apf")
-    """Names of experts, agent for the one that comes with planarm, or paths of runs; at most 4."""
+    policies: tuple[str, ...] | None = None
+    """Names of experts, agent for the one that comes with planarm, or paths of runs; at most 4. If left out, the first
+    three experts of the environment."""
     seed: int = 0
     """Seed of the episodes' start."""
     scenario: Literal["random", "paper"] = "random"
@@ -49,13 +50,14 @@ agent --seed 12 --plot docs/paths_excavator_payload.png
 def run(options: PathsOptions) -> int:
     """Run the episodes; the exit code."""
     picture_of(options.env)  # raises for an environment without one
-    if not 1 <= len(options.policies) <= 4:
-        raise ValueError(f"{len(options.policies)} policies: give 1 to 4")
+    names = list(envs.task_card(options.env).experts)[:3] if options.policies is None else options.policies
+    if not 1 <= len(names) <= 4:
+        raise ValueError(f"{len(names)} policies: give 1 to 4")
     if options.seed < 0:
         raise ValueError(f"seed {options.seed} must not be negative")
     check_picture(options.plot, options.dpi)
-    policies = [find_policy(name, options.env) for name in options.policies]
-    scenario = {"scenario": options.scenario}
+    policies = [find_policy(name, options.env) for name in names]
+    scenario = {} if options.scenario == "random" else {"scenario": options.scenario}
     records = [record_episode(options.env, named, options.seed, scenario) for named in policies]
     start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
     outcome_table(start, records).show()

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import agents
+import envs
 from agents import cli
 from agents.commands.paths import PathsOptions, run
 from agents.figures.episode_record import record_episode
@@ -39,6 +40,15 @@ def test_the_outcomes_are_the_evaluators(
         assert rows[policy].split()[-1] == f"{evaluation.returns[0]:.6g}"
         if evaluation.success[0]:
             assert f" {factor * evaluation.metrics[key][0]:.{decimals}f} " in rows[policy]
+
+
+@pytest.mark.parametrize("env_id", envs.env_ids())
+def test_the_default_is_the_first_three_experts_of_the_environment(
+    capsys: pytest.CaptureFixture[str], env_id: str
+) -> None:
+    assert run(PathsOptions(env=env_id)) == 0
+    shown = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert shown[2:] == list(envs.task_card(env_id).experts)[:3]
 
 
 def test_a_record_holds_the_episode_step_by_step() -> None:
