@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from planners.checks import require_finite
 from planners.robot.arm import Arm, JointLimits
+from planners.robot.limits import LimitKind
 from planners.typing import Array
 
 
@@ -131,8 +132,7 @@ class MotionProblem:
         _freeze(self, q=n, qd=n, qdd=n)
         require_finite("horizon", self.horizon, "s", "positive")
         require_finite("payload mass", self.payload, "kg", "not negative")
-        if len(self.joint_limits.torque) != n:
-            raise ValueError(f"limits are given for {len(self.joint_limits.torque)} joints, the arm has {n}")
+        object.__setattr__(self, "limits", self.joint_limits.for_joints(n))
         if isinstance(self.target, FixedJoints) and len(self.target.q) != n:
             raise ValueError(f"target has {len(self.target.q)} joint angles, the arm {n} joints")
 
@@ -244,8 +244,14 @@ def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array,
     ``angle``; the ratio is 0 where there is no limit.
     """
     jerk = np.diff(qdd, axis=0) / np.diff(t)[:, None]
-    samples = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": jerk, "angle": q}
-    return {kind: float(np.max(np.abs(values) / np.array(getattr(limits, kind)))) for kind, values in samples.items()}
+    samples: dict[LimitKind, Array] = {
+        "torque": tau,
+        "velocity": qd,
+        "acceleration": qdd,
+        "jerk": jerk,
+        "angle": q - limits.angle_middle,
+    }
+    return {kind: float(np.max(np.abs(values) / limits.array(kind))) for kind, values in samples.items()}
 
 
 def _freeze(instance: object, **lengths: int | None) -> None:

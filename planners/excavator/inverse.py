@@ -97,15 +97,16 @@ class Branches:
 
     def explain(self, target: int | tuple[int, ...] = ()) -> str:
         """One line for each branch of a target: its name, flags and joints out of range."""
-        limits = self.machine.limits.angle
+        limits = self.machine.limits
+        ranges = list(zip(np.degrees(limits.angle_lower), np.degrees(limits.angle_upper), strict=True))
         lines = []
         for name, code, q in zip(BRANCH_NAMES, self.status[target], self.q[target], strict=True):
             flags = IKStatus(int(code))
             text = ", ".join(str(flag.name) for flag in flags) or "fine"
             beyond = [
-                f"{joint} at {math.degrees(angle):.1f} deg of +-{math.degrees(limit):.0f}"
-                for joint, angle, limit in zip(JOINT_NAMES, q, limits, strict=True)
-                if IKStatus.RANGE in flags and abs(angle) > limit
+                f"{joint} at {angle:.1f} deg of " + (f"+-{up:.0f}" if low == -up else f"{low:.0f} to {up:.0f}")
+                for joint, angle, (low, up) in zip(JOINT_NAMES, np.degrees(q), ranges, strict=True)
+                if IKStatus.RANGE in flags and not low <= angle <= up
             ]
             lines.append(f"{name}: {text}" + (f" ({', '.join(beyond)})" if beyond else ""))
         return "\n".join(lines)
@@ -155,8 +156,8 @@ def inverse_kinematics(
         raise ValueError("tool_x must be at a right angle to the axis: both belong to one rotation matrix")
 
     tips, directions, sideways, posture = (_rows(values, shape) for values in (tips, directions, sideways, posture))
-    limits = np.array(machine.limits.angle)
-    q, theta6, status = _solve(machine.geometry.kernel_array, limits, tips, directions, sideways, posture, mode)
+    ranges = np.stack([machine.limits.angle_lower, machine.limits.angle_upper])
+    q, theta6, status = _solve(machine.geometry.kernel_array, ranges, tips, directions, sideways, posture, mode)
     distance = np.linalg.norm(scale * (q - posture[:, None, :]), axis=-1)
     distance[(status & ~_BUCKET) != 0] = np.inf
     nearest = np.where(np.isfinite(distance).any(axis=-1), np.argmin(distance, axis=-1), -1)
@@ -189,7 +190,7 @@ def _rows(values: Array, shape: tuple[int, ...]) -> Array:
 
 @njit(cache=True, nogil=True)
 def _solve(
-    geometry: Array, angle_limit: Array, tip: Array, axis: Array, tool_x: Array, near: Array, mode: int
+    geometry: Array, ranges: Array, tip: Array, axis: Array, tool_x: Array, near: Array, mode: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """All branches of all targets: joint angles ``(batch, 8, 5)``, sixth angles and status ``(batch, 8)``."""
     rows = tip.shape[0]
@@ -203,7 +204,11 @@ def _solve(
             status[row, 2 * pair : 2 * pair + 2] = _solve_pair(geometry, target, pitch, mode, pair, q[row], theta6[row])
         for branch in range(8):
             for joint in range(5):
-                if abs(q[row, branch, joint]) > angle_limit[joint] + _ROUNDING:
+                lower, upper = ranges[0, joint] - _ROUNDING, ranges[1, joint] + _ROUNDING
+                for turn in (2.0 * math.pi, -2.0 * math.pi):
+                    if lower <= q[row, branch, joint] + turn <= upper and not lower <= q[row, branch, joint] <= upper:
+                        q[row, branch, joint] += turn
+                if q[row, branch, joint] < lower or q[row, branch, joint] > upper:
                     status[row, branch] |= _RANGE
     return q, theta6, status
 

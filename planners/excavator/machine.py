@@ -134,11 +134,9 @@ class Excavator:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", tuple(self.links))
-        if len(self.links) != N_JOINTS or len(self.limits.torque) != N_JOINTS:
-            raise ValueError(
-                f"{self.name}: {len(self.links)} links and limits of {len(self.limits.torque)} joints; "
-                f"the chain has {N_JOINTS} of both"
-            )
+        if len(self.links) != N_JOINTS:
+            raise ValueError(f"{self.name}: {len(self.links)} links; the chain has {N_JOINTS}")
+        object.__setattr__(self, "limits", self.limits.for_joints(N_JOINTS, self.name))
         require_finite(f"{self.name}: gravity", self.gravity)
 
     @cached_property

@@ -4,106 +4,88 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import require_finite, require_vector
+from planners.checks import Sign, require_finite, require_vector
 from planners.robot import clearance, dynamics, kinematics
+from planners.robot.limits import EveryJoint, is_number
+from planners.robot.limits import JointLimits as JointLimits
 from planners.typing import Array
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Symmetric limits of every joint in N m, rad/s, rad/s^2, rad/s^3 and rad; ``inf`` means no limit."""
-
-    torque: tuple[float, ...]
-    velocity: tuple[float, ...] = ()
-    acceleration: tuple[float, ...] = ()
-    jerk: tuple[float, ...] = ()
-    angle: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        n = len(self.torque)
-        for spec in fields(self):
-            values = getattr(self, spec.name) or (math.inf,) * n
-            object.__setattr__(self, spec.name, tuple(float(value) for value in values))
-            if len(values) != n:
-                raise ValueError(f"{spec.name} limits: {len(values)} values for {n} joints; give one per joint")
-            if not all(value > 0.0 for value in values):
-                raise ValueError(f"{spec.name} limits {values} must be positive; use inf for no limit")
-
-    @classmethod
-    def unlimited(cls, n_joints: int) -> JointLimits:
-        """No limit on any of ``n_joints`` joints."""
-        return cls(torque=(math.inf,) * n_joints)
-
-    def scaled(self, factor: float) -> JointLimits:
-        """Torque, velocity, acceleration and jerk limits times ``factor``; joint angles keep theirs."""
-        kinds = (self.torque, self.velocity, self.acceleration, self.jerk)
-        torque, velocity, acceleration, jerk = (tuple(factor * value for value in values) for values in kinds)
-        return JointLimits(torque, velocity, acceleration, jerk, self.angle)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Arm:
     """A planar chain of revolute joints.
 
-    ``q = 0`` is the arm stretched along +x; angles are relative and counter-clockwise.
+    ``q = 0`` is the arm stretched along +x; angles are relative and counter-clockwise. Lengths, masses, coms and
+    inertias are one value per link (a list, a tuple or an array) or a number that holds for every link.
 
     Attributes:
         name: for messages and tables.
         lengths, masses: of the links, m and kg.
-        limits: of the joints.
+        limits: of the joints; none when left out.
         coms: distance of each link's centre of mass from its own joint, m; half the length when left out.
         inertias: moment of inertia about each centre of mass, kg m^2; a uniform rod's (m l^2 / 12) when left out.
         gravity: along -y, m/s^2; 0 in the horizontal plane.
         base: position of the first joint, m.
         link_radius: of every link, a capsule around the line between its joints, m; for clearances only.
+
+    Raises:
+        ValueError: for values that are no numbers, not finite or not positive, or not one per link.
     """
 
     name: str
     lengths: tuple[float, ...]
     masses: tuple[float, ...]
     limits: JointLimits
-    coms: tuple[float, ...] = ()
-    inertias: tuple[float, ...] = ()
-    gravity: float = 0.0
-    base: tuple[float, float] = field(default=(0.0, 0.0))
-    link_radius: float = 0.0
+    coms: tuple[float, ...]
+    inertias: tuple[float, ...]
+    gravity: float
+    base: tuple[float, float]
+    link_radius: float
 
-    def __post_init__(self) -> None:
-        n = len(self.lengths)
-        rods = zip(self.masses, self.lengths, strict=False)
-        defaults: dict[str, tuple[float, ...]] = {
-            "lengths": (),
-            "masses": (),
-            "base": (),
-            "coms": tuple(length / 2.0 for length in self.lengths),
-            "inertias": tuple(mass * length**2 / 12.0 for mass, length in rods),
-        }
-        for name, default in defaults.items():
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name) or default))
-        if n == 0:
-            raise ValueError(f"{self.name}: an arm needs at least one link")
-        for name in ("lengths", "masses", "coms", "inertias"):
-            values = getattr(self, name)
-            if len(values) != n:
-                raise ValueError(f"{self.name}: {len(values)} {name} for {n} links; give one per link")
-            lowest = 0.0 if name in ("coms", "inertias") else math.ulp(0.0)
-            if not all(math.isfinite(value) and value >= lowest for value in values):
-                raise ValueError(f"{self.name}: {name} {values} must be finite and positive")
+    def __init__(
+        self,
+        name: str,
+        lengths: ArrayLike,
+        masses: ArrayLike,
+        limits: JointLimits | None = None,
+        coms: ArrayLike = (),
+        inertias: ArrayLike = (),
+        gravity: float = 0.0,
+        base: ArrayLike = (0.0, 0.0),
+        link_radius: float = 0.0,
+    ) -> None:
+        if limits is not None and not isinstance(limits, JointLimits):
+            raise ValueError(
+                f"{name}: limits {limits!r} are no JointLimits; write JointLimits(torque=..., velocity=...)"
+            )
+        given = {"lengths": lengths, "masses": masses, "coms": coms, "inertias": inertias}
+        links = _per_link(name, given, limits)
         # without inertia about its own joint a link makes the mass matrix singular in some posture
-        for link, (com, inertia) in enumerate(zip(self.coms, self.inertias, strict=True)):
+        for link, (com, inertia) in enumerate(zip(links["coms"], links["inertias"], strict=True)):
             if com == inertia == 0.0:
-                raise ValueError(f"{self.name}: link {link} has com 0 and inertia 0; one of them must be positive")
-        if len(self.limits.torque) != n:
-            raise ValueError(f"{self.name}: limits are given for {len(self.limits.torque)} joints, the arm has {n}")
-        require_finite(f"{self.name}: gravity", self.gravity)
-        require_vector(f"{self.name}: base", self.base, 2)
-        require_finite(f"{self.name}: link_radius", self.link_radius, "m", "not negative")
+                raise ValueError(f"{name}: link {link} has com 0 and inertia 0; one of them must be positive")
+        values = {
+            "name": name,
+            **links,
+            "limits": (limits or JointLimits()).for_joints(len(links["lengths"]), name),
+            "gravity": _number(f"{name}: gravity", gravity),
+            "base": _numbers(f"{name}: base", base),
+            "link_radius": _number(f"{name}: link_radius", link_radius),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+        require_finite(f"{name}: gravity", self.gravity, "m/s^2")
+        require_vector(f"{name}: base", self.base, 2)
+        require_finite(f"{name}: link_radius", self.link_radius, "m", "not negative")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Arm, tuple(getattr(self, spec.name) for spec in fields(self))
 
     @property
     def n_joints(self) -> int:
@@ -238,3 +220,46 @@ class Arm:
             )
         result = function(*(np.ascontiguousarray(np.atleast_2d(array)) for array in given))
         return result[0] if len(shape) == 1 else result
+
+
+def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None) -> dict[str, tuple[float, ...]]:
+    """Lengths, masses, coms and inertias as one number per link, checked; numbers that hold for every link repeated."""
+    links = {kind: _numbers(f"{name}: {kind}", values) for kind, values in given.items()}
+    every = {kind for kind, values in given.items() if is_number(values)}
+    counts = [len(links[kind]) for kind in links if kind not in every and (links[kind] or kind == "lengths")]
+    if limits is not None and not isinstance(limits.torque, EveryJoint):
+        counts.append(len(limits.torque))
+    n = counts[0] if counts else 1
+    if n == 0:
+        raise ValueError(f"{name}: an arm needs at least one link")
+    links |= {kind: n * links[kind] for kind in every}
+    links["coms"] = links["coms"] or tuple(length / 2.0 for length in links["lengths"])
+    rods = zip(links["masses"], links["lengths"], strict=False)
+    links["inertias"] = links["inertias"] or tuple(mass * length**2 / 12.0 for mass, length in rods)
+    for kind, values in links.items():
+        if len(values) != n:
+            raise ValueError(
+                f"{name}: {len(values)} {kind} for {n} links; give one per link, or a number that holds for every link"
+            )
+        sign: Sign = "not negative" if kind in ("coms", "inertias") else "positive"
+        if not all(math.isfinite(value) and (value > 0.0 or (value == 0.0 and sign != "positive")) for value in values):
+            raise ValueError(f"{name}: {kind} {values} must be finite and {sign}")
+    return links
+
+
+def _numbers(what: str, given: ArrayLike) -> tuple[float, ...]:
+    """A number or a one-dimensional sequence of numbers as floats."""
+    try:
+        array: Array = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} {given!r} must be numbers, as in (0.4, 0.3)") from None
+    if array.ndim > 1:
+        raise ValueError(f"{what} has shape {array.shape}; give one number per link, as in (0.4, 0.3)")
+    return tuple(np.atleast_1d(array).tolist())
+
+
+def _number(what: str, given: float) -> float:
+    """A single number as a float."""
+    if not is_number(given):
+        raise ValueError(f"{what} {given!r} must be a number")
+    return float(given)

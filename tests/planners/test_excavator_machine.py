@@ -32,7 +32,7 @@ def test_payloads_are_percentages_of_the_rated_load() -> None:
         (lambda: Link(-1.0, (0, 0, 0), (1, 1, 1), 1.0, 1.0), "mass of a link -1.0 must"),
         (lambda: Link(1.0, (0, 0), (1, 1, 1), 1.0, 1.0), "com of a link (0.0, 0.0)"),  # type: ignore[arg-type]
         (lambda: Link(1.0, (0, 0, 0), (1, 1, 3), 1.0, 1.0), "no rigid body has moments"),
-        (lambda: dataclasses.replace(EXCAVATOR, links=EXCAVATOR.links[:4]), "4 links and limits of 5 joints"),
+        (lambda: dataclasses.replace(EXCAVATOR, links=EXCAVATOR.links[:4]), "4 links; the chain has 5"),
         (lambda: dataclasses.replace(EXCAVATOR, gravity=math.inf), "gravity inf must be finite"),
         (lambda: PayloadShape(density=0.0), "density 0.0 kg/m^3 must be finite and positive"),
         (lambda: PayloadShape(rated_load=-1.0), "rated_load -1.0 kg must be finite and positive"),

@@ -178,7 +178,8 @@ def _check(
     for name, array, shape in (("q", start, (2,)), ("goal", goal, (2,)), ("path", path, (len(path), len(radii), 2))):
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} has shape {array.shape}; it must be finite and have shape {shape}")
-    if not all(math.isfinite(value) for kind in (limits.velocity, limits.acceleration, limits.angle) for value in kind):
+    bounds = [limits.array(kind) for kind in ("velocity", "acceleration", "angle")]
+    if not np.isfinite(bounds).all():
         raise ValueError(f"limits {limits} must be finite in velocity, acceleration and angle to make a lattice")
     if not time_steps or any(abs(dt / step - round(dt / step)) > 1e-6 or dt < step for dt in time_steps):
         raise ValueError(f"time_steps {time_steps} s must be multiples of the path's step, {step} s, and at least one")
