@@ -7,19 +7,13 @@ effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerati
 from pathlib import Path
 
 from planners import apf, control, dpct, lagrange, quintic, trapezoid
+from planners.capabilities import plan, register
 from planners.compile_cache import drop_stale
-from planners.problem import (
-    FixedHand,
-    FixedJoints,
-    Infeasible,
-    MotionProblem,
-    MovingHand,
-    Obstacle,
-    Trajectory,
-)
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.kinematics import UnreachableTarget
 from planners.robot.presets import PLANAR_3R, SCARA_1M, SCARA_50CM
+from planners.trajectory import Trajectory, sampled_trajectory
 
 __all__ = [
     "PLANAR_3R",
@@ -39,7 +33,10 @@ __all__ = [
     "control",
     "dpct",
     "lagrange",
+    "plan",
     "quintic",
+    "register",
+    "sampled_trajectory",
     "trapezoid",
 ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Literal
 
 Sign = Literal["", "positive", "not negative"]
@@ -20,3 +21,9 @@ def require_vector(name: str, values: tuple[float, ...], length: int) -> None:
     """Raise ValueError if these are not so many finite numbers."""
     if len(values) != length or not all(math.isfinite(value) for value in values):
         raise ValueError(f"{name} {values} must be {length} finite numbers")
+
+
+def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
+    """Raise ValueError if an option is none of those allowed."""
+    if value not in allowed:
+        raise ValueError(f"{name} {value!r} must be one of {', '.join(map(repr, allowed))}")

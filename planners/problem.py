@@ -1,9 +1,8 @@
-"""The interface of tasks and planners: a `MotionProblem` is solved by a `Trajectory` or raises `Infeasible`."""
+"""The interface of tasks and planners: a `MotionProblem` is solved by a `Trajectory`, or `Infeasible` is raised."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -152,106 +151,6 @@ class MotionProblem:
     def loaded_arm(self) -> Arm:
         """The arm with the payload estimate at its hand."""
         return self.arm.with_payload(self.payload)
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A planned motion, sampled on a dense grid of times.
-
-    Attributes:
-        t: sample times from 0, ``(samples,)``, s.
-        q, qd, qdd: joint angles, velocities and accelerations, ``(samples, n)``.
-        tau: joint torques by inverse dynamics of the loaded arm, ``(samples, n)``, N m.
-        limit_ratios: worst |value| / limit over all samples and joints, for each kind of limit.
-        cost: the planner's index of the motion.
-        rendezvous_time: when a moving target is met, or rest at a fixed one reached, s.
-        planner: name of the planner and its variant.
-        rides_until: until when a moving target could be followed within the limits, s.
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    limit_ratios: Mapping[str, float]
-    cost: float
-    rendezvous_time: float
-    planner: str
-    rides_until: float = math.inf
-
-    @property
-    def duration(self) -> float:
-        """Time of the last sample, s."""
-        return float(self.t[-1])
-
-    @property
-    def limit_ratio(self) -> float:
-        """Worst of all limit ratios: at most 1 when every limit is kept."""
-        return max(self.limit_ratios.values())
-
-    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Joint angles, velocities and accelerations at times ``t``, each ``t.shape + (n,)``.
-
-        Between samples a quintic that matches angle, velocity and acceleration at both neighbours; outside
-        ``[0, duration]`` the nearest end sample.
-        """
-        time = np.clip(np.asarray(t, dtype=float), self.t[0], self.t[-1])
-        left = np.clip(np.searchsorted(self.t, time, side="right") - 1, 0, len(self.t) - 2)
-        h = (self.t[left + 1] - self.t[left])[..., None]
-        s = (time - self.t[left])[..., None] / h
-        q0, v0, a0 = self.q[left], h * self.qd[left], h**2 * self.qdd[left]
-        q1, v1, a1 = self.q[left + 1], h * self.qd[left + 1], h**2 * self.qdd[left + 1]
-        rest, dv, da = q1 - q0 - v0 - a0 / 2.0, v1 - v0 - a0, a1 - a0
-        c3 = 10.0 * rest - 4.0 * dv + 0.5 * da
-        c4 = -15.0 * rest + 7.0 * dv - da
-        c5 = 6.0 * rest - 3.0 * dv + 0.5 * da
-        q = q0 + s * (v0 + s * (a0 / 2.0 + s * (c3 + s * (c4 + s * c5))))
-        qd = (v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
-        qdd = (a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / h**2
-        return q, qd, qdd
-
-
-def sampled_trajectory(
-    problem: MotionProblem,
-    t: Array,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    *,
-    planner: str,
-    cost: float = math.nan,
-    rendezvous_time: float = math.inf,
-    rides_until: float = math.inf,
-    jerk_jumps: bool = False,
-) -> Trajectory:
-    """A sampled joint motion as a `Trajectory`, with the torques of the loaded arm and the limit ratios.
-
-    With ``jerk_jumps`` the acceleration jumps, so that the ratio to a finite jerk limit is infinite.
-    """
-    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    ratios = limit_ratios(problem.joint_limits, t, q, qd, qdd, tau)
-    if jerk_jumps and ratios["jerk"] > 0.0:
-        ratios["jerk"] = math.inf
-    return Trajectory(t, q, qd, qdd, tau, ratios, cost, rendezvous_time, planner, rides_until)
-
-
-def limit_ratios(limits: JointLimits, t: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> dict[str, float]:
-    """Worst |value| / limit of each kind over samples and joints.
-
-    The samples are at times ``t`` ``(samples,)``, s, and ``(samples, n)``. Jerk is the difference of the sampled
-    accelerations: sample where it jumps. The kinds are ``torque``, ``velocity``, ``acceleration``, ``jerk`` and
-    ``angle``; the ratio is 0 where there is no limit.
-    """
-    jerk = np.diff(qdd, axis=0) / np.diff(t)[:, None]
-    samples: dict[LimitKind, Array] = {
-        "torque": tau,
-        "velocity": qd,
-        "acceleration": qdd,
-        "jerk": jerk,
-        "angle": q - limits.angle_middle,
-    }
-    return {kind: float(np.max(np.abs(values) / limits.array(kind))) for kind, values in samples.items()}
 
 
 def _freeze(instance: object, **lengths: int | None) -> None:

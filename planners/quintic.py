@@ -10,15 +10,18 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
+from planners.capabilities import Takes, variant
 from planners.motion.time_laws import quintic_motion
-from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
+from planners.problem import FixedJoints, Infeasible, MotionProblem
 from planners.robot.dynamics import inverse_dynamics_single
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 SAMPLES = 200
 """Intervals of a motion over which its torque is integrated and its limits checked."""
 
 
+@variant("quintic", "", {"joints": Takes(arrives="on time")})
 def plan(problem: MotionProblem) -> Trajectory:
     """Move every joint by its quintic, from rest to rest, over the whole horizon.
 
@@ -38,7 +41,7 @@ def plan(problem: MotionProblem) -> Trajectory:
     q, qd, qdd = quintic_motion(q0, change, problem.horizon, s)
     t = problem.horizon * s[:, 0]
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=problem.horizon, planner="quintic")
-    return replace(trajectory, cost=float(np.trapezoid(np.abs(trajectory.tau).sum(axis=1), t)))
+    return replace(trajectory, cost=float(np.trapezoid(np.abs(trajectory.tau).sum(axis=1), trajectory.t)))
 
 
 @njit(cache=True, nogil=True)

@@ -9,14 +9,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from planners.capabilities import Takes, variant
 from planners.goals import goal_postures
 from planners.motion.time_laws import trapezoid, trapezoid_share
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.trajectory import Trajectory, sampled_trajectory
 
 SAMPLES = 200
 """Intervals of time into which a motion is divided."""
 
 
+@variant(
+    "trapezoid",
+    "",
+    {
+        "joints": Takes(keeps=("velocity", "acceleration"), needs=("velocity", "acceleration")),
+        "hand": Takes(links=(2, 3), keeps=("velocity", "acceleration"), needs=("velocity", "acceleration")),
+    },
+)
 def plan(problem: MotionProblem) -> Trajectory:
     """The fastest straight move within the velocity and acceleration limits, from rest to the nearest goal posture.
 

@@ -13,18 +13,16 @@ A controller evaluates a field at every instant. `plan` gives the motion if ever
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
 from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
 from planners.apf.paper import plan_paper
 from planners.apf.prediction import plan_field
-from planners.problem import MotionProblem, Trajectory
-from planners.variants import plan_variant
+from planners.capabilities import plan_variant
+from planners.problem import MotionProblem
+from planners.trajectory import Trajectory
 
 Variant = Literal["field", "paper"]
-
-_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {"field": plan_field, "paper": plan_paper}
 
 
 def plan(problem: MotionProblem, variant: Variant = "field", **options: Any) -> Trajectory:
@@ -34,7 +32,7 @@ def plan(problem: MotionProblem, variant: Variant = "field", **options: Any) -> 
         Infeasible: if the motion does not reach the target, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    return plan_variant(_PLANNERS, variant, problem, options)
+    return plan_variant("apf", variant, problem, options)
 
 
 __all__ = [

@@ -31,9 +31,11 @@ from planners.apf.hand_field import (
     make_field,
 )
 from planners.apf.khatib import Gains
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, Trajectory, sampled_trajectory
+from planners.capabilities import Takes, variant
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 PERIOD = 1e-4
@@ -66,6 +68,7 @@ class FieldMotion:
     outcome: Outcome
 
 
+@variant("apf", "paper", {"joints": Takes(links=(2,)), "hand": Takes(links=(2,), obstacles="avoided")}, promises=False)
 def plan_paper(
     problem: MotionProblem,
     *,

@@ -10,15 +10,10 @@ import numpy as np
 from planners.apf.dodge import dodge_accelerations, new_memory, tuned_gains
 from planners.apf.joint_field import reach
 from planners.apf.moving_target import approach
-from planners.problem import (
-    FixedHand,
-    FixedJoints,
-    Infeasible,
-    MotionProblem,
-    MovingHand,
-    Trajectory,
-    sampled_trajectory,
-)
+from planners.capabilities import SMOOTHLESS, Takes, variant
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.trajectory import Trajectory, sampled_trajectory
+from planners.trajectory.measure import KINDS
 from planners.typing import Array
 
 PERIOD = 0.02
@@ -28,6 +23,15 @@ Field = Callable[[float, Array, Array, Array], Array]
 """Joint accelerations ``(1, n)`` from time (s), angles, velocities and the last accelerations, each ``(1, n)``."""
 
 
+@variant(
+    "apf",
+    "field",
+    {
+        "joints": Takes(keeps=SMOOTHLESS, precision=1e-3, arrives="on time"),
+        "hand": Takes(links=(2,), obstacles="avoided", keeps=SMOOTHLESS, precision=1e-3),
+        "moving hand": Takes(links=(2,), precision=1e-3),
+    },
+)
 def plan_field(
     problem: MotionProblem, *, period: float = PERIOD, tolerance: float = 1e-3, hold_time: float = 0.1
 ) -> Trajectory:
@@ -126,11 +130,12 @@ def _sampled(problem: MotionProblem, states: Array, accelerations: Array, period
     """The motion as a trajectory: accelerations are constant within a period, and jump between two."""
     # each instant twice, except for the ends: with the acceleration before and the one after
     t = np.repeat(period * np.arange(len(states)), 2)[1:-1]
-    t[1::2] -= 1e-9 * period
     q, qd = (np.repeat(states[:, kind], 2, axis=0)[1:-1] for kind in (0, 1))
     qdd = np.repeat(accelerations, 2, axis=0)
     motion = sampled_trajectory(problem, t, q, qd, qdd, planner="APF (field)", cost=since, rendezvous_time=since)
     # the fields limit jerk as the change of the acceleration from one period to the next
     jerk = np.diff(accelerations, axis=0, prepend=problem.start[2][None]) / period
     ratio = float((np.abs(jerk) / np.array(problem.joint_limits.jerk)).max())
-    return replace(motion, limit_ratios={**motion.limit_ratios, "jerk": ratio})
+    ratios = motion.measured.ratios.copy()
+    ratios[KINDS.index("jerk")] = ratio
+    return replace(motion, measured=motion.measured._replace(ratios=ratios))

@@ -14,25 +14,18 @@ jerk. After T. H. Park, B. H. Lee and M. S. Ko, "Motion Planning of a Robot Mani
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
+from planners.capabilities import plan_variant
 from planners.dpct.optimal import plan_optimal
 from planners.dpct.paper import plan_paper
 from planners.dpct.settling import settling_bound
 from planners.dpct.timing.planner import plan_timing
 from planners.dpct.torque.planner import plan_torque
-from planners.problem import MotionProblem, Trajectory
-from planners.variants import plan_variant
+from planners.problem import MotionProblem
+from planners.trajectory import Trajectory
 
 Variant = Literal["optimal", "paper", "torque", "timing"]
-
-_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {
-    "optimal": plan_optimal,
-    "paper": plan_paper,
-    "torque": plan_torque,
-    "timing": plan_timing,
-}
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:
@@ -43,7 +36,7 @@ def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -
         Infeasible: if no motion solves the problem, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    return plan_variant(_PLANNERS, variant, problem, options)
+    return plan_variant("dpct", variant, problem, options)
 
 
 __all__ = ["Variant", "plan", "plan_optimal", "plan_paper", "plan_timing", "plan_torque", "settling_bound"]

@@ -14,14 +14,16 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from planners.capabilities import Takes, variant
+from planners.checks import require_choice
 from planners.dpct.constraints import Tracking
 from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, sample_manoeuvre, tracking_problem
 from planners.motion.line import Branch, Line, reduce_to_line
 from planners.motion.line_motion import KINDS, joint_motion, limit_table, sample_ride, to_trajectory
 from planners.motion.rides import Window, ride_load, ride_windows
-from planners.problem import FixedJoints, Infeasible, MotionProblem, Trajectory, limit_broken
+from planners.problem import FixedJoints, Infeasible, MotionProblem, limit_broken
+from planners.trajectory import Trajectory
 from planners.typing import Array
-from planners.variants import require_choice
 
 STAGES = 60
 
@@ -48,6 +50,7 @@ MET = np.array([1e-6, 1e-6, 1e-3])
 Elbow = Literal["start", "best", "+", "-"]
 
 
+@variant("dpct", "optimal", {"joints": Takes(), "hand": Takes(links=(2, 3)), "moving hand": Takes(links=(2, 3))})
 def plan_optimal(
     problem: MotionProblem,
     *,

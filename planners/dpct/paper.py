@@ -28,10 +28,12 @@ from typing import Literal
 
 import numpy as np
 
+from planners.capabilities import Takes, variant
 from planners.dpct.phase_plane import Tables, search, tabulate
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
+from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 _SAMPLES_PER_STEP = 10
@@ -153,6 +155,7 @@ class PhasePath:
         return t, r, rate, acceleration
 
 
+@variant("dpct", "paper", {"moving hand": Takes(links=(2, 3))}, promises=False)
 def plan_paper(problem: MotionProblem, *, grid: tuple[int, int] = (50, 100), reading: Reading = LITERAL) -> Trajectory:
     """Plan as the paper does, and return the motion that results in real time.
 

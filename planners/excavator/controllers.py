@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planners.checks import require_choice
 from planners.control import (
     AdaptiveComputedTorque,
     AdaptiveController,
@@ -20,7 +21,6 @@ from planners.excavator.dynamics import ChainDynamics, PayloadModel, payload_bas
 from planners.excavator.machine import EXCAVATOR, Excavator
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.plane import JOINTS, planar_model
-from planners.variants import require_choice
 
 FIXED: dict[str, type[Controller]] = {
     "pd-gravity": PDGravity,

@@ -11,18 +11,16 @@ Lagrange Interpolation Method".
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
+from planners.capabilities import plan_variant
 from planners.lagrange.optimal import plan_optimal
 from planners.lagrange.paper import plan_paper
 from planners.lagrange.via.planner import plan_via
-from planners.problem import MotionProblem, Trajectory
-from planners.variants import plan_variant
+from planners.problem import MotionProblem
+from planners.trajectory import Trajectory
 
 Variant = Literal["optimal", "via", "paper"]
-
-_PLANNERS: dict[Variant, Callable[..., Trajectory]] = {"optimal": plan_optimal, "via": plan_via, "paper": plan_paper}
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:
@@ -32,7 +30,7 @@ def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -
         Infeasible: if no motion solves the problem, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    return plan_variant(_PLANNERS, variant, problem, options)
+    return plan_variant("lagrange", variant, problem, options)
 
 
 __all__ = ["Variant", "plan", "plan_optimal", "plan_paper", "plan_via"]

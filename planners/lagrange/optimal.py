@@ -16,15 +16,17 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from planners.capabilities import Takes, variant
+from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective, torque_rate
 from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, limit_broken
+from planners.problem import Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
-from planners.variants import require_choice
 
 NODES, FEWEST_NODES, MOST_NODES = 21, 9, 41
 
@@ -57,6 +59,15 @@ class Settings(NamedTuple):
     explain: bool
 
 
+@variant(
+    "lagrange",
+    "optimal",
+    {
+        "joints": Takes(arrives="on time"),
+        "hand": Takes(links=(2, 3), arrives="on time"),
+        "moving hand": Takes(links=(2, 3)),
+    },
+)
 def plan_optimal(
     problem: MotionProblem,
     *,
@@ -126,9 +137,9 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
     fit = _best_fit(moves, settings)
     if fit is None:
         raise _late(moves, settings) if settings.explain else _too_late(problem.horizon, math.inf)
-    samples = _sample(fit)
-    motion = samples.t, samples.q, samples.qd, samples.qdd, samples.tau
-    return _with_cost(Trajectory(*motion, fit.limit_ratios, 0.0, problem.horizon, _PLANNER), settings)
+    t, q, _, qd, qdd, _ = _sample(fit)
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)
+    return _with_cost(trajectory, settings)
 
 
 def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> Trajectory:
@@ -150,9 +161,7 @@ def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ri
     ride, window = next(pair for pair, joining in zip(open_rides, moves, strict=True) if joining is fit.minimum.move)
     riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
     trajectory = to_trajectory(ride.line, [_sample(fit), riding], window.closes, time, 0.0, _PLANNER)
-    ridden = to_trajectory(ride.line, [riding], window.closes, time, 0.0, _PLANNER).limit_ratios
-    ratios = {kind: max(ratio, fit.limit_ratios[kind]) for kind, ratio in ridden.items()}
-    return _with_cost(replace(trajectory, limit_ratios=ratios), settings)
+    return _with_cost(replace(trajectory, problem=problem), settings)
 
 
 def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> float:

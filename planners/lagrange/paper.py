@@ -27,10 +27,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
+from planners.capabilities import Takes, variant
+from planners.checks import require_choice
 from planners.lagrange.grid_search import least_torque
-from planners.problem import FixedJoints, MotionProblem, Trajectory, sampled_trajectory
+from planners.problem import FixedJoints, MotionProblem
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
-from planners.variants import require_choice
 
 Method = Literal["lagrange", "polynomial"]
 
@@ -51,6 +53,7 @@ _MOST_POINTS, _MOST_CURVES = 100_000_000, 20_000  # of a grid; of a joint
 _AT_GOAL = 1e-6  # rad, rad/s
 
 
+@variant("lagrange", "paper", {"joints": Takes(links=(1, 2, 3), arrives="on time")}, promises=False)
 def plan_paper(
     problem: MotionProblem,
     *,
@@ -202,7 +205,7 @@ def motion(problem: MotionProblem, curves: Sequence[Polynomial], planner: str) -
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=f"Lagrange paper, {planner}")
     arrives = max(np.abs(q[-1] - _goal(problem)).max(), np.abs(qd[-1]).max()) < _AT_GOAL
     rendezvous = problem.horizon if arrives else math.inf
-    return replace(trajectory, cost=torque_integral(t, trajectory.tau), rendezvous_time=rendezvous)
+    return replace(trajectory, cost=torque_integral(trajectory.t, trajectory.tau), rendezvous_time=rendezvous)
 
 
 def torque_integral(t: Array, tau: Array, power: int = 1) -> float:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planners.motion.line import Line
-from planners.problem import Trajectory
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 KINDS = ("torque", "velocity", "acceleration", "jerk")
@@ -85,21 +85,9 @@ def to_trajectory(
         window_closes: until when the target can be ridden, s.
         rendezvous, cost, planner: see `Trajectory`.
     """
-    load = np.max([motion.peak_load(line) for motion in motions], axis=(0, 2))
-    joined = Motion(*(np.concatenate(values) for values in zip(*motions, strict=True)))
-    last_of_instant = np.append(np.diff(joined.t) > 1e-12, True)
-    t, q, tau, qd, qdd, _ = (values[last_of_instant] for values in joined)
-    angle = float(np.max(np.abs(q) / np.array(line.problem.joint_limits.angle)))
+    t, q, _, qd, qdd, _ = Motion(*(np.concatenate(values) for values in zip(*motions, strict=True)))
     cut = t[-1] < min(line.problem.horizon, window_closes) - 1e-9
-    return Trajectory(
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=tau,
-        limit_ratios={**dict(zip(KINDS, load.tolist(), strict=True)), "angle": angle},
-        cost=cost,
-        rendezvous_time=rendezvous,
-        planner=planner,
-        rides_until=float(t[-1]) if cut else window_closes,
+    until = float(t[-1]) if cut else window_closes
+    return sampled_trajectory(
+        line.problem, t, q, qd, qdd, planner=planner, cost=cost, rendezvous_time=rendezvous, rides_until=until
     )

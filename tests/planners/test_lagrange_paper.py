@@ -33,7 +33,7 @@ from planners.lagrange.paper import (
     published_motion,
     torque_integral,
 )
-from planners.problem import limit_ratios
+from planners.trajectory import limit_ratios
 from planners.typing import Array
 
 LOBATTO = tuple((1.0 - np.cos(np.pi * np.arange(5) / 4.0)) / 2.0)

@@ -25,7 +25,7 @@ from planners import (
     Obstacle,
     Trajectory,
 )
-from planners.problem import limit_ratios
+from planners.trajectory import limit_ratios
 from planners.typing import Array
 
 

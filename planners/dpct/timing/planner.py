@@ -19,24 +19,33 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from planners.capabilities import SMOOTHLESS, Takes, variant
+from planners.checks import require_choice
 from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightLine, first_contact
 from planners.dpct.timing.lattice import best_timing, time_from_rest
 from planners.dpct.timing.line import line_to
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
+from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
-from planners.variants import require_choice
 
 Contact = Literal["refuse", "delay"]
 
 MOST_PREDICTION = 3.0  # longest prediction horizon of the discs, s: the effort grows with its cube
 SAMPLING_STEP = 0.01  # largest time between two samples, s
-JUST_BEFORE = 1e-6  # time from the last sample before a jump of the acceleration to the jump, s
 ATTEMPTS, BACK_OFF = 10, 0.95  # attempts with tightened limits where a limit is exceeded, and an extra factor of each
 ROUNDING = 1e-9  # excess of a limit, as a fraction of it, within rounding
 
 
+@variant(
+    "dpct",
+    "timing",
+    {
+        "joints": Takes(obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration")),
+        "hand": Takes(links=(2, 3), obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration")),
+    },
+)
 def plan_timing(
     problem: MotionProblem, *, margin: float = 0.04, prediction: float = 1.5, contact: Contact = "refuse"
 ) -> Trajectory:
@@ -151,16 +160,12 @@ def _trajectory(problem: MotionProblem, legs: list[_Leg], cost: float) -> Trajec
     for leg in legs:
         t, *motion = _sample(leg)
         parts.append((begin + t, *motion))
-        begin = float(parts[-1][0][-1])
+        begin = float(parts[-1][0][-1]) if len(t) else begin
     t, q, qd, qdd = (np.concatenate(values) for values in zip(*parts, strict=True))
-    kept = np.append(np.diff(t) > 0.0, True)
-    t, q, qd, qdd = t[kept], q[kept], qd[kept], qdd[kept]
-    if len(t) == 1:  # at the target already
+    if len(t) == 0:  # at the target already
         t = np.array([0.0, STAGE])
-        q, qd, qdd = np.repeat(q, 2, axis=0), np.zeros((2, q.shape[1])), np.zeros((2, q.shape[1]))
-    return sampled_trajectory(
-        problem, t, q, qd, qdd, cost=cost, rendezvous_time=float(t[-1]), planner="dpct (timing)", jerk_jumps=True
-    )
+        q, qd, qdd = np.tile(problem.q, (2, 1)), np.zeros((2, len(problem.q))), np.zeros((2, len(problem.q)))
+    return sampled_trajectory(problem, t, q, qd, qdd, cost=cost, rendezvous_time=float(t[-1]), planner="dpct (timing)")
 
 
 def _excess(problem: MotionProblem, trajectory: Trajectory) -> float:
@@ -171,23 +176,26 @@ def _excess(problem: MotionProblem, trajectory: Trajectory) -> float:
 
 
 def _sample(leg: _Leg) -> tuple[Array, Array, Array, Array]:
-    """Time, and joint angles, velocities and accelerations, ``(samples, n)`` each, to rest at the end."""
+    """Time, and joint angles, velocities and accelerations, ``(samples, n)`` each, to rest at the end.
+
+    Two samples where the acceleration jumps; none if the leg takes no time.
+    """
     line = leg.line
     duration, acceleration = leg.pieces.T
     begin = np.append(0.0, np.cumsum(duration))
     jumps = np.unique(np.append(begin, line.decay if line.decay < begin[-1] else 0.0))
-    inner = [np.linspace(a, b, math.ceil((b - a) / SAMPLING_STEP) + 1)[:-1] for a, b in pairwise(jumps)]
-    before = jumps[1:] - np.minimum(JUST_BEFORE, 0.5 * np.diff(jumps))
-    t = np.sort(np.concatenate([*inner, before, begin[-1:]]))
+    pieces = [np.linspace(a, b, math.ceil((b - a) / SAMPLING_STEP) + 1) for a, b in pairwise(jumps)]
+    t = np.concatenate([np.zeros(0), *pieces])
+    middle = np.repeat(0.5 * (jumps[:-1] + jumps[1:]), [len(times) for times in pieces])
     rise = np.append(0.0, np.cumsum(duration * acceleration))
     speed = line.speed + rise
     place = np.append(0.0, np.cumsum(duration * 0.5 * (speed[:-1] + speed[1:])))
-    piece = np.clip(np.searchsorted(begin, t, side="right") - 1, 0, len(duration) - 1)
+    piece = np.clip(np.searchsorted(begin, middle, side="right") - 1, 0, len(duration) - 1)
     s, u = t - begin[piece], acceleration[piece]
     r, v = place[piece] + s * (speed[piece] + 0.5 * s * u), speed[piece] + s * u
     left = np.maximum(0.0, line.decay - t)
     rate = line.across / line.decay if line.decay > 0.0 else np.zeros_like(line.across)
     q = line.origin + r[:, None] * line.direction - 0.5 * left[:, None] ** 2 * rate
     qd = v[:, None] * line.direction + left[:, None] * rate
-    qdd = u[:, None] * line.direction - np.where(left > 0.0, 1.0, 0.0)[:, None] * rate
+    qdd = u[:, None] * line.direction - np.where(middle < line.decay, 1.0, 0.0)[:, None] * rate
     return t, q, qd, qdd

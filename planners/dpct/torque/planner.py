@@ -19,21 +19,15 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from planners.capabilities import SMOOTHLESS, Takes, variant
+from planners.checks import require_choice
 from planners.dpct.torque.profile_search import Corridor, Profile, least_torque, mix
 from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import (
-    FixedJoints,
-    Infeasible,
-    MotionProblem,
-    MovingHand,
-    Trajectory,
-    limit_broken,
-    sampled_trajectory,
-)
+from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
-from planners.variants import require_choice
 
 Objective = Literal["PI1", "PI2"]
 
@@ -42,10 +36,6 @@ STAGES = 96
 
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
 """Least and most samples a step, and largest time (s) between two if they are enough."""
-
-JUST_BEFORE, BEFORE_SHARE = 1e-5, 1e-2
-"""How long before the end of a step its last sample is, s, and at most, as a fraction of the step: the acceleration
-jumps at the end, and an interpolation between samples must not smear it."""
 
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
 """Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
@@ -69,6 +59,14 @@ STANDSTILL = 1e-9
 KINDS = ("torque", "velocity", "acceleration")
 
 
+@variant(
+    "dpct",
+    "torque",
+    {
+        "joints": Takes(keeps=SMOOTHLESS, arrives="on time"),
+        "hand": Takes(links=(2, 3), keeps=SMOOTHLESS, arrives="on time"),
+    },
+)
 def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages: int = STAGES) -> Trajectory:
     """Come to rest at a fixed target when the horizon is over, with the least torque on the straight path there.
 
@@ -241,11 +239,9 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
     qd = slope * rate[:, None]
     qdd = curvature * rate[:, None] ** 2 + slope * acceleration[:, None]
     end = float(t[-1])
-    trajectory = sampled_trajectory(
-        problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque index)", jerk_jumps=True
-    )
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque index)")
     load = np.sum(trajectory.tau**2 if objective == "PI2" else np.abs(trajectory.tau), axis=1)
-    return replace(trajectory, cost=float(np.trapezoid(load, t)))
+    return replace(trajectory, cost=float(np.trapezoid(load, trajectory.t)))
 
 
 def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:
@@ -263,8 +259,7 @@ def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Ar
     step = np.repeat(np.arange(len(parts)), parts + 1)
     part = np.arange(len(step)) - (np.cumsum(parts + 1) - (parts + 1))[step]
     r, rate, acceleration, duration = steps[:, step]
-    last = duration - np.minimum(JUST_BEFORE, BEFORE_SHARE * duration)
-    since = np.where(part < parts[step], duration * part / parts[step], last)
+    since = np.where(part < parts[step], duration * part / parts[step], duration)
     t = np.append(begin[step] + since, begin[-1])
     r = np.append(r + since * (rate + 0.5 * since * acceleration), 1.0)
     rate, acceleration = np.append(rate + since * acceleration, 0.0), np.append(acceleration, 0.0)

@@ -17,12 +17,14 @@ import numpy as np
 from numba import njit
 from numpy.polynomial.polynomial import polyder, polyval
 
+from planners.capabilities import Takes, variant
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import KINDS
 from planners.lagrange.via.candidates import SHARE, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
-from planners.problem import Infeasible, MotionProblem, MovingHand, Trajectory, sampled_trajectory
+from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 DISPLACEMENTS = (0.2, 0.5, 0.9)
@@ -47,6 +49,14 @@ SAMPLE_STEP = 0.01
 """Longest time between samples of the trajectory, s."""
 
 
+@variant(
+    "lagrange",
+    "via",
+    {
+        "joints": Takes(obstacles="avoided", needs=("velocity", "acceleration")),
+        "hand": Takes(links=(2, 3), obstacles="avoided", needs=("velocity", "acceleration")),
+    },
+)
 def plan_via(
     problem: MotionProblem,
     *,

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, along_profile
 from planners.motion.spacetime.lattice import FOUND, GAVE_UP, LAYER, Effort, Lattice, States, explore
 from planners.motion.spacetime.world import Goal, World
-from planners.problem import Trajectory, limit_ratios
+from planners.problem import FixedJoints, MotionProblem
 from planners.robot.arm import Arm, JointLimits
+from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 Verdict = Literal["found", "exhausted", "gave up"]
@@ -269,6 +270,6 @@ def _sample(arm: Arm, limits: JointLimits, pieces: Pieces, entry: float, end: fl
     qdd = accelerations[piece]
     qd = qd0[piece] + since * qdd
     q = q0[piece] + since * (qd0[piece] + 0.5 * since * qdd)
-    tau = arm.inverse_dynamics(q, qd, qdd)
-    ratios = limit_ratios(limits, t, q, qd, qdd, tau)
-    return Trajectory(t, q, qd, qdd, tau, ratios, entry, entry, "space-time search")
+    problem = MotionProblem(arm, q[0], FixedJoints(q[-1]), end, qd=qd[0], limits=limits)
+    name = "space-time search"
+    return sampled_trajectory(problem, t, q, qd, qdd, planner=name, cost=entry, rendezvous_time=entry)

@@ -1,0 +1,240 @@
+"""What every variant of every planner takes and keeps, declared beside it; refusals, and the check of what it returns.
+
+A variant declares, for each kind of target, what it `Takes`. A problem outside of that is refused at once, with the
+variants that take it. A motion that breaks what its variant promises is refused, never returned.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, ParamSpec
+
+import numpy as np
+
+from planners.checks import require_choice
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.promises import require_solved, require_within_limits
+from planners.trajectory import Trajectory
+from planners.trajectory.measure import KINDS
+
+TargetKind = Literal["joints", "hand", "moving hand"]
+TARGETS: dict[type, TargetKind] = {FixedJoints: "joints", FixedHand: "hand", MovingHand: "moving hand"}
+
+SMOOTHLESS = ("torque", "velocity", "acceleration", "angle")
+"""Kinds of limit that a motion can keep although its acceleration jumps."""
+
+MOST_LINKS = 6
+
+
+@dataclass(frozen=True)
+class Takes:
+    """What a variant takes and keeps for one kind of target.
+
+    Attributes:
+        links: numbers of links.
+        obstacles: whether discs are ``"avoided"``, or only ``"checked"``: the motion is planned without them, and
+            refused if it touches one.
+        keeps: kinds of limit that every returned motion keeps; a problem with finite limits of another kind is refused.
+        needs: kinds of limit that must be finite.
+        precision: largest distance from the target at the end, m or rad.
+        arrives: ``"early"`` as soon as it can, or ``"on time"`` at the horizon exactly.
+    """
+
+    links: tuple[int, ...] = tuple(range(1, MOST_LINKS + 1))
+    obstacles: Literal["avoided", "checked"] = "checked"
+    keeps: tuple[str, ...] = KINDS
+    needs: tuple[str, ...] = ()
+    precision: float = 1e-6
+    arrives: Literal["early", "on time"] = "early"
+
+    def objection(self, problem: MotionProblem) -> str | None:
+        """Why a problem is not taken, or None if it is."""
+        n, limits = problem.arm.n_joints, problem.joint_limits
+        if n not in self.links:
+            return f"takes {_listed(self.links)} links, and {problem.arm.name} has {n}"
+        for kind in KINDS:
+            finite = np.isfinite(limits.array(kind))
+            if kind in self.needs and not finite.all():
+                return f"needs a finite {kind} limit of every joint; give limits"
+            if kind not in self.keeps and finite.any():
+                return f"keeps no {kind} limits; leave them out of the problem's limits"
+        return None
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A variant of a planner.
+
+    Attributes:
+        planner, name: such as ``"dpct"`` and ``"optimal"``.
+        plan: the planner, with the checks of this module.
+        takes: what it takes, for each kind of target.
+        promises: whether its motions are checked; a user's own planner promises nothing unless it says so.
+    """
+
+    planner: str
+    name: str
+    plan: Callable[..., Trajectory] = field(compare=False)
+    takes: Mapping[TargetKind, Takes] = field(compare=False)
+    promises: bool = True
+
+    def __str__(self) -> str:
+        """How messages name it: ``dpct (optimal)``."""
+        return f"{self.planner} ({self.name})" if self.name else self.planner
+
+    def objection(self, problem: MotionProblem) -> str | None:
+        """Why a problem is not taken, or None if it is."""
+        kind = TARGETS[type(problem.target)]
+        if kind not in self.takes:
+            return f"goes to a target of kind {_listed(self.takes)}, not {kind}"
+        return self.takes[kind].objection(problem)
+
+
+VARIANTS: dict[tuple[str, str], Variant] = {}
+"""Every variant by planner and name; the first of a planner is its default."""
+
+OWN = ("dpct", "lagrange", "apf", "quintic", "trapezoid")
+"""Names of planarm's own planners, in the order in which `plan` tries them."""
+
+P = ParamSpec("P")
+
+
+def variant(
+    planner: str, name: str, takes: Mapping[TargetKind, Takes], *, promises: bool = True
+) -> Callable[[Callable[P, Trajectory]], Callable[P, Trajectory]]:
+    """Declare a function of a problem as a variant of a planner.
+
+    A problem that it does not take is a ValueError at once. A motion that breaks a limit, touches an obstacle, is not
+    continuous or misses the target is Infeasible, unless the variant promises nothing. Two options that a variant may
+    have change this: ``checked=False`` returns whatever was planned, and ``contact="delay"`` also motions that touch an
+    obstacle or end elsewhere, for planning again before they do.
+    """
+
+    def declare(function: Callable[P, Trajectory]) -> Callable[P, Trajectory]:
+        @functools.wraps(function)
+        def plan(*args: P.args, **kwargs: P.kwargs) -> Trajectory:
+            problem = args[0] if args else kwargs.get("problem")
+            if not isinstance(problem, MotionProblem):
+                raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
+            _require_taken(declared, problem)
+            trajectory = function(*args, **kwargs)
+            if promises and kwargs.get("checked", True):
+                require_within_limits(str(declared), trajectory)
+                if kwargs.get("contact") != "delay":
+                    precision = takes[TARGETS[type(problem.target)]].precision
+                    require_solved(str(declared), problem, trajectory, precision, _avoiding(problem))
+            return trajectory
+
+        declared = VARIANTS[planner, name] = Variant(planner, name, plan, takes, promises)
+        return plan
+
+    return declare
+
+
+def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKind, Takes] | None = None) -> None:
+    """Make a user's own planner known by name: to `plan`, to every environment as an expert, and to every command.
+
+    Args:
+        name: of the planner; registering the same name again replaces it.
+        plan: a function of a `MotionProblem` that returns a Trajectory (see `sampled_trajectory`), or raises
+            Infeasible. Its motions are measured, but not refused.
+        takes: what it takes and keeps, for each kind of target. With this, problems outside of it are refused at once,
+            and motions that break what it keeps too. By default any problem, and no promise.
+
+    Raises:
+        ValueError: if planarm itself has a planner of this name, or the name is not an identifier.
+    """
+    if not name.isidentifier():
+        raise ValueError(f"planner name {name!r} must be an identifier, such as my_planner")
+    if name in OWN:
+        raise ValueError(f"{name!r} is a planner of planarm; choose another name")
+    anything = dict.fromkeys(TARGETS.values(), Takes(obstacles="checked"))
+    variant(name, "", takes or anything, promises=takes is not None)(plan)
+
+
+def plan(problem: MotionProblem, planner: str | None = None, variant: str | None = None, **options: Any) -> Trajectory:
+    """Plan a motion with a planner and variant, or with the first that can.
+
+    Args:
+        problem: the motion asked for.
+        planner: such as ``"dpct"``; when left out, all that take the problem are tried in turn until one solves it,
+            first those that avoid obstacles where there are any.
+        variant: of the planner; its default when left out.
+        options: of the variant.
+
+    Raises:
+        Infeasible: if no motion solves the problem, with the reason (that of the first planner tried).
+        ValueError: if a name or an option is unknown, or nothing takes the problem.
+    """
+    if planner is not None:
+        names = [name for of, name in VARIANTS if of == planner]
+        require_choice("planner", planner, _names())
+        return plan_variant(planner, names[0] if variant is None else variant, problem, options)
+    if variant is not None or options:
+        raise ValueError("a variant and options need a planner: give planner, such as 'dpct'")
+    able = [entry for entry in VARIANTS.values() if entry.name != "paper" and entry.objection(problem) is None]
+    if not able:
+        raise ValueError(f"no planner takes this problem: {'; '.join(_objections(problem))}")
+    kind = TARGETS[type(problem.target)]
+
+    def rank(entry: Variant) -> tuple[bool, int]:
+        aimless = bool(problem.obstacles) and entry.takes[kind].obstacles != "avoided"
+        return aimless, OWN.index(entry.planner) if entry.planner in OWN else len(OWN)
+
+    able.sort(key=rank)
+    failures = []
+    for entry in able:
+        try:
+            return entry.plan(problem)
+        except Infeasible as failure:
+            failures.append(failure)
+    raise failures[0]
+
+
+def plan_variant(planner: str, name: str, problem: MotionProblem, options: Mapping[str, Any]) -> Trajectory:
+    """Plan a motion with a variant of a planner, by their names and with its options.
+
+    Raises:
+        Infeasible: if no motion solves the problem, with the reason.
+        ValueError: if the variant or an option is unknown, or an option is out of range.
+    """
+    require_choice("variant", name, [variant for of, variant in VARIANTS if of == planner])
+    function = VARIANTS[planner, name].plan
+    allowed = [option for option in inspect.signature(function).parameters if option != "problem"]
+    unknown = sorted(set(options) - set(allowed))
+    if unknown:
+        raise ValueError(f"variant {name!r} has no option {', '.join(unknown)}; it has {', '.join(allowed)}")
+    return function(problem, **options)
+
+
+def _require_taken(declared: Variant, problem: MotionProblem) -> None:
+    """Refuse a problem that a variant does not take, with the variants that do."""
+    objection = declared.objection(problem)
+    if objection is not None:
+        able = [str(other) for other in VARIANTS.values() if other.objection(problem) is None]
+        advice = f"{', '.join(able)} can" if able else "no variant can"
+        raise ValueError(f"{declared} {objection}; {advice}")
+
+
+def _avoiding(problem: MotionProblem) -> str:
+    """Advice for a problem whose obstacles are in the way."""
+    kind = TARGETS[type(problem.target)]
+    taking = [entry for entry in VARIANTS.values() if entry.objection(problem) is None]
+    able = [str(entry) for entry in taking if entry.takes[kind].obstacles == "avoided"]
+    return f"{', '.join(able)} can avoid obstacles" if able else "no variant can avoid obstacles on the way to it"
+
+
+def _names() -> list[str]:
+    return list(dict.fromkeys(planner for planner, _ in VARIANTS))
+
+
+def _objections(problem: MotionProblem) -> list[str]:
+    return [f"{entry} {entry.objection(problem)}" for entry in VARIANTS.values()]
+
+
+def _listed(values: Iterable[object]) -> str:
+    *first, last = map(str, values)
+    return f"{', '.join(first)} or {last}" if first else last

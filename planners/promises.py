@@ -1,0 +1,96 @@
+"""What a planner promises of a motion, checked on its continuous course: limits, continuity, clearance, arrival."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.trajectory import Trajectory
+from planners.trajectory.measure import KINDS
+from planners.typing import Array
+
+EXCESS = 1e-6
+"""Excess of a limit, as a fraction of it, that is rounding."""
+
+CONTINUOUS = 1e-3
+"""Largest difference, rad, between a sample and where the last one's velocity leads, in a continuous motion."""
+
+UNITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "angle": "rad"}
+
+
+def require_within_limits(name: str, trajectory: Trajectory) -> None:
+    """Refuse a motion of the planner ``name`` that breaks a limit anywhere, or jumps; what the start breaks is allowed.
+
+    Raises:
+        Infeasible: with reason ``limits``.
+    """
+    problem, measured = trajectory.problem, trajectory.measured
+    kept = measured.ratios <= np.maximum(1.0, _start_loads(problem)) + EXCESS
+    if not kept.all():
+        kind = int(np.argmax(np.where(kept, -1.0, measured.ratios)))
+        joint, what, ratio = int(measured.joints[kind]), KINDS[kind], float(measured.ratios[kind])
+        limit = float(problem.joint_limits.array(what)[joint])
+        raise Infeasible(
+            "limits",
+            f"the motion of {name} takes joint {joint + 1} to {ratio:.4g} times its {what} limit of {limit:.4g} "
+            f"{UNITS[what]} at {measured.times[kind]:.4g} s; allow more time, or raise the limit",
+            joint=joint,
+            kind=what,
+            ratio=ratio,
+        )
+    if not measured.gap <= CONTINUOUS:
+        message = f"the motion of {name} is not continuous: a joint jumps by {measured.gap:.4g} rad"
+        raise Infeasible("limits", message, gap=measured.gap)
+
+
+def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, precision: float, advice: str) -> None:
+    """Refuse a motion that touches an obstacle, takes longer than the horizon or misses the target.
+
+    Args:
+        name: of the planner, for the message.
+        problem: the one that was asked.
+        trajectory: the motion.
+        precision: largest distance from the target, m or rad.
+        advice: for a collision: who avoids obstacles.
+
+    Raises:
+        Infeasible: with reason ``collision`` or ``late``.
+    """
+    if not trajectory.clearance >= 0.0:
+        raise Infeasible(
+            "collision",
+            f"the motion of {name} touches an obstacle, {1e3 * trajectory.clearance:.4g} mm deep at "
+            f"{trajectory.measured.clearance_time:.4g} s ({advice})",
+            clearance=trajectory.clearance,
+            time=trajectory.measured.clearance_time,
+        )
+    if not trajectory.rendezvous_time <= problem.horizon * (1.0 + 1e-9):
+        arrives = f"arrives at {trajectory.rendezvous_time:.4g} s" if trajectory.rendezvous_time < math.inf else "waits"
+        message = f"the motion of {name} {arrives}; the horizon is {problem.horizon:.4g} s, allow more time"
+        raise Infeasible("late", message, minimum_time=trajectory.rendezvous_time)
+    error, unit = target_error(problem, trajectory)
+    if not error <= precision:
+        message = f"the motion of {name} ends {error:.4g} {unit} from the target; {precision:.4g} {unit} is allowed"
+        raise Infeasible("late", message, error=error)
+
+
+def target_error(problem: MotionProblem, trajectory: Trajectory) -> tuple[float, str]:
+    """Largest distance from the target, with its unit: at the end, or from the rendezvous on for a moving one."""
+    target, arm = problem.target, problem.arm
+    if isinstance(target, FixedJoints):
+        return float(np.abs(trajectory.q[-1] - target.q).max()), "rad"
+    if isinstance(target, FixedHand):
+        return float(np.hypot(*(arm.forward_kinematics(trajectory.q[-1]) - target.position))), "m"
+    riding = trajectory.t >= min(trajectory.rendezvous_time, trajectory.duration)
+    hands = arm.forward_kinematics(trajectory.q[riding])
+    return float(np.hypot(*(hands - target.at(trajectory.t[riding])[0]).T).max()), "m"
+
+
+def _start_loads(problem: MotionProblem) -> Array:
+    """|value| / limit of each kind at the start, ``(5,)``; that of jerk is 0."""
+    limits, (q, qd, qdd) = problem.joint_limits, problem.start
+    tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
+    values = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": np.zeros_like(q), "angle": q - limits.angle_middle}
+    return np.array([float((np.abs(values[kind]) / limits.array(kind)).max()) for kind in KINDS])

@@ -1,0 +1,157 @@
+"""Interpolation between the samples of a motion.
+
+Between two samples a quintic matches angle, velocity and acceleration at both. Each of the three is then kept between
+its values at the two samples: where samples are so close that rounding dominates the quintic, it cannot overshoot.
+`insert_turning_points` adds samples where a quintic turns inside an interval, so that this cuts nothing off.
+
+Where the acceleration jumps there are two samples at the same time, before and after the jump.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+OVERSHOOT = 1e-9
+"""Excess of a quintic over the values at both ends, relative to the largest value of the motion, that is rounding."""
+
+ROUNDING = 1e-13
+"""Angles carry this rounding, relative to their size; divided by the squared interval it is that of an acceleration."""
+
+
+@njit(cache=True, nogil=True)
+def quintic_between(
+    s: float, h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
+) -> tuple[float, float, float]:
+    """Angle, velocity and acceleration of one joint at a share ``s`` of the ``h`` s between two samples."""
+    v0, a0, v1, a1 = h * qd0, h * h * qdd0, h * qd1, h * h * qdd1
+    rest, dv, da = q1 - q0 - v0 - a0 / 2.0, v1 - v0 - a0, a1 - a0
+    c3 = 10.0 * rest - 4.0 * dv + 0.5 * da
+    c4 = -15.0 * rest + 7.0 * dv - da
+    c5 = 6.0 * rest - 3.0 * dv + 0.5 * da
+    q = q0 + s * (v0 + s * (a0 / 2.0 + s * (c3 + s * (c4 + s * c5))))
+    qd = (v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
+    qdd = (a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h)
+    return q, qd, qdd
+
+
+@njit(cache=True, nogil=True)
+def between(
+    s: float, h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
+) -> tuple[float, float, float]:
+    """As `quintic_between`, with each of the three kept between its values at the ends."""
+    q, qd, qdd = quintic_between(s, h, q0, qd0, qdd0, q1, qd1, qdd1)
+    q = min(max(q, min(q0, q1)), max(q0, q1))
+    qd = min(max(qd, min(qd0, qd1)), max(qd0, qd1))
+    qdd = min(max(qdd, min(qdd0, qdd1)), max(qdd0, qdd1))
+    return q, qd, qdd
+
+
+@njit(cache=True, nogil=True)
+def interpolate(t: Array, q: Array, qd: Array, qdd: Array, times: Array) -> Array:
+    """Angles, velocities and accelerations at ``times``, ``(3, times, n)``; outside the samples, those of the ends.
+
+    At the time of a jump the values after it.
+    """
+    n = q.shape[1]
+    found = np.empty((3, times.shape[0], n))
+    right = np.searchsorted(t, times, side="right")
+    for row in range(times.shape[0]):
+        after = right[row]
+        if after == 0 or after == t.shape[0] or not times[row] > t[after - 1]:
+            i = 0 if after == 0 else after - 1
+            found[0, row], found[1, row], found[2, row] = q[i], qd[i], qdd[i]
+            continue
+        i, h = after - 1, t[after] - t[after - 1]
+        s = (times[row] - t[i]) / h
+        for j in range(n):
+            found[0, row, j], found[1, row, j], found[2, row, j] = between(
+                s, h, q[i, j], qd[i, j], qdd[i, j], q[after, j], qd[after, j], qdd[after, j]
+            )
+    return found
+
+
+@njit(cache=True, nogil=True)
+def insert_turning_points(t: Array, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array, Array]:
+    """The same motion with samples also where an angle, a velocity or an acceleration turns between two samples."""
+    samples, n = q.shape
+    most = np.array([np.abs(q).max(), np.abs(qd).max(), np.abs(qdd).max()])
+    shares = np.empty(4 * n)
+    extra = 0
+    for i in range(samples - 1):
+        extra += _turning_points(i, t, q, qd, qdd, most, shares)
+    if extra == 0:
+        return t, q, qd, qdd
+    times, motion = np.empty(samples + extra), np.empty((3, samples + extra, n))
+    row = 0
+    for i in range(samples):
+        times[row], motion[0, row], motion[1, row], motion[2, row] = t[i], q[i], qd[i], qdd[i]
+        row += 1
+        count = _turning_points(i, t, q, qd, qdd, most, shares) if i < samples - 1 else 0
+        for s in shares[:count]:
+            h = t[i + 1] - t[i]
+            times[row] = t[i] + s * h
+            for j in range(n):
+                motion[0, row, j], motion[1, row, j], motion[2, row, j] = quintic_between(
+                    s, h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
+                )
+            row += 1
+    return times, motion[0], motion[1], motion[2]
+
+
+@njit(cache=True, nogil=True)
+def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Array, shares: Array) -> int:
+    """Write the shares of interval ``i`` at which a value of a joint turns to ``shares``; how many there are."""
+    h, count = t[i + 1] - t[i], 0
+    if not h > 0.0:
+        return 0
+    for j in range(q.shape[1]):
+        ends = q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
+        for kind in range(3):
+            low, high = min(ends[kind], ends[kind + 3]), max(ends[kind], ends[kind + 3])
+            rounding = ROUNDING * (abs(ends[0]) + abs(ends[3]) + h * (abs(ends[1]) + abs(ends[4]))) / h**kind
+            allowed = OVERSHOOT * most[kind] + 60.0 * rounding
+            inside = 0.0
+            for s in (0.25, 0.5, 0.75):
+                value = quintic_between(s, h, *ends)[kind]
+                inside = max(inside, max(value - high, low - value))
+            # the turn may be close to an end, where these three do not show it
+            turns = kind < 2 and ends[kind + 1] * ends[kind + 4] < 0.0
+            if inside > allowed or turns:
+                s, value = _extreme(kind, h, ends, low, high)
+                if max(value - high, low - value) > allowed and 1e-6 < s < 1.0 - 1e-6:
+                    shares[count] = s
+                    count += 1
+    shares[:count].sort()
+    kept = 0
+    for k in range(count):
+        if kept == 0 or shares[k] - shares[kept - 1] > 1e-6:
+            shares[kept] = shares[k]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _extreme(
+    kind: int, h: float, ends: tuple[float, float, float, float, float, float], low: float, high: float
+) -> tuple[float, float]:
+    """The share of the interval, and the value there, that lies furthest outside of ``[low, high]``."""
+    best, step = 0.5, 0.125
+    excess, value = -np.inf, 0.0
+    for k in range(1, 16):
+        value = quintic_between(k / 16.0, h, *ends)[kind]
+        if max(value - high, low - value) > excess:
+            excess, best = max(value - high, low - value), k / 16.0
+    # golden-section search around the best of a grid
+    left, right = max(0.0, best - step), min(1.0, best + step)
+    for _ in range(40):
+        a, b = right - 0.6180339887498949 * (right - left), left + 0.6180339887498949 * (right - left)
+        at_a, at_b = quintic_between(a, h, *ends)[kind], quintic_between(b, h, *ends)[kind]
+        if max(at_a - high, low - at_a) >= max(at_b - high, low - at_b):
+            right = b
+        else:
+            left = a
+    best = 0.5 * (left + right)
+    return best, quintic_between(best, h, *ends)[kind]

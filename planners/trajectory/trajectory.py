@@ -1,0 +1,133 @@
+"""`Trajectory`: a planned motion with its measured loads, and how one is made from samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planners.problem import MotionProblem
+from planners.trajectory.interpolate import insert_turning_points, interpolate
+from planners.trajectory.measure import KINDS, Measure, measure
+from planners.typing import Array
+
+SAME_TIME = 1e-9
+"""Fall of the time between two samples, as a fraction of the duration, that is rounding of a jump."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A planned motion, sampled on a dense grid of times.
+
+    Where the acceleration jumps, two samples have the same time: before and after the jump.
+
+    Attributes:
+        problem: what was planned.
+        t: sample times from 0, ``(samples,)``, s.
+        q, qd, qdd: joint angles, velocities and accelerations, ``(samples, n)``.
+        tau: joint torques by inverse dynamics of the loaded arm, ``(samples, n)``, N m.
+        measured: worst loads and least clearance of the continuous motion.
+        cost: the planner's index of the motion.
+        rendezvous_time: when a moving target is met, or rest at a fixed one reached, s.
+        planner: name of the planner and its variant.
+        rides_until: until when a moving target could be followed within the limits, s.
+    """
+
+    problem: MotionProblem
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    measured: Measure
+    cost: float
+    rendezvous_time: float
+    planner: str
+    rides_until: float = math.inf
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample, s."""
+        return float(self.t[-1])
+
+    @property
+    def limit_ratios(self) -> Mapping[str, float]:
+        """Worst |value| / limit over the continuous motion and all joints, for each kind of limit.
+
+        The kinds are ``torque``, ``velocity``, ``acceleration``, ``jerk`` and ``angle`` (from the middle of the range).
+        The ratio is 0 where there is no limit, and that of jerk inf where the acceleration jumps in spite of one.
+        """
+        return dict(zip(KINDS, self.measured.ratios.tolist(), strict=True))
+
+    @property
+    def limit_ratio(self) -> float:
+        """Worst of all limit ratios: at most 1 when every limit is kept."""
+        return float(self.measured.ratios.max())
+
+    @property
+    def clearance(self) -> float:
+        """Least distance between the surfaces of the arm and an obstacle, m; inf without obstacles."""
+        return float(self.measured.clearance)
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Joint angles, velocities and accelerations at times ``t``, each ``t.shape + (n,)``.
+
+        Between two samples a quintic that matches both, kept between their values; at a jump the values after it;
+        outside ``[0, duration]`` the nearest end sample.
+        """
+        times = np.asarray(t, dtype=float)
+        found = interpolate(self.t, self.q, self.qd, self.qdd, times.ravel())
+        q, qd, qdd = found.reshape(3, *times.shape, self.q.shape[1])
+        return q, qd, qdd
+
+    def __repr__(self) -> str:
+        """One line: planner, duration, worst limit and least clearance."""
+        worst = int(self.measured.ratios.argmax())
+        parts = [f"{self.duration:.4g} s", f"{KINDS[worst]} at {100.0 * self.limit_ratio:.4g} % of its limit"]
+        if self.limit_ratio == 0.0:
+            parts[1] = "no limits"
+        if math.isfinite(self.clearance):
+            parts.append(f"clearance {1e3 * self.clearance:.4g} mm")
+        return f"<Trajectory by {self.planner}: {', '.join(parts)}, {len(self.t)} samples>"
+
+
+def sampled_trajectory(
+    problem: MotionProblem,
+    t: ArrayLike,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    *,
+    planner: str,
+    cost: float = math.nan,
+    rendezvous_time: float = math.inf,
+    rides_until: float = math.inf,
+) -> Trajectory:
+    """A motion from its samples, with the torques of the loaded arm, and measured between the samples too.
+
+    Args:
+        problem: what was planned.
+        t: times of the samples from 0, ``(samples,)``, s, never falling; the same time twice where ``qdd`` jumps.
+        q, qd, qdd: joint angles, velocities and accelerations, ``(samples, n)``.
+        planner, cost, rendezvous_time, rides_until: see `Trajectory`.
+
+    Raises:
+        ValueError: if shapes do not fit, there are fewer than two samples, times fall or a number is not finite.
+    """
+    n = problem.arm.n_joints
+    times, *motion = (np.ascontiguousarray(values, dtype=float) for values in (t, q, qd, qdd))
+    if times.ndim != 1 or len(times) < 2 or any(values.shape != (len(times), n) for values in motion):
+        shapes = ", ".join(str(values.shape) for values in (times, *motion))
+        raise ValueError(f"t, q, qd and qdd have shapes {shapes}; give (samples,) and three of (samples, {n})")
+    if not all(np.isfinite(values).all() for values in (times, *motion)):
+        raise ValueError("t, q, qd and qdd must be finite; some are NaN or inf")
+    rising = np.maximum.accumulate(times)
+    if times[0] != 0.0 or (rising - times > SAME_TIME * times[-1]).any() or not times[-1] > 0.0:
+        raise ValueError("the times of the samples must begin at 0 and never fall")
+    samples = insert_turning_points(rising, *motion)
+    tau = problem.loaded_arm.inverse_dynamics(*samples[1:])
+    measured = measure(problem, *samples)
+    return Trajectory(problem, *samples, tau, measured, cost, rendezvous_time, planner, rides_until)
