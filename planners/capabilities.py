@@ -17,8 +17,8 @@ import numpy as np
 from planners.checks import require_choice
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory
-from planners.trajectory.measure import KINDS
 
 TargetKind = Literal["joints", "hand", "moving hand"]
 TARGETS: dict[type, TargetKind] = {FixedJoints: "joints", FixedHand: "hand", MovingHand: "moving hand"}
@@ -45,7 +45,7 @@ class Takes:
 
     links: tuple[int, ...] = tuple(range(1, MOST_LINKS + 1))
     obstacles: Literal["avoided", "checked"] = "checked"
-    keeps: tuple[str, ...] = KINDS
+    keeps: tuple[str, ...] = LIMIT_KINDS
     needs: tuple[str, ...] = ()
     precision: float = 1e-6
     arrives: Literal["early", "on time"] = "early"
@@ -55,7 +55,7 @@ class Takes:
         n, limits = problem.arm.n_joints, problem.joint_limits
         if n not in self.links:
             return f"takes {_listed(self.links)} links, and {problem.arm.name} has {n}"
-        for kind in KINDS:
+        for kind in LIMIT_KINDS:
             finite = np.isfinite(limits.array(kind))
             if kind in self.needs and not finite.all():
                 return f"needs a finite {kind} limit of every joint; give limits"

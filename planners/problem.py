@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from planners.checks import require_finite
 from planners.robot.arm import Arm, JointLimits
-from planners.robot.limits import LimitKind
 from planners.typing import Array
 
 

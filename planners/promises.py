@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory
-from planners.trajectory.measure import KINDS
 from planners.typing import Array
 
 EXCESS = 1e-6
@@ -30,7 +30,7 @@ def require_within_limits(name: str, trajectory: Trajectory) -> None:
     kept = measured.ratios <= np.maximum(1.0, _start_loads(problem)) + EXCESS
     if not kept.all():
         kind = int(np.argmax(np.where(kept, -1.0, measured.ratios)))
-        joint, what, ratio = int(measured.joints[kind]), KINDS[kind], float(measured.ratios[kind])
+        joint, what, ratio = int(measured.joints[kind]), LIMIT_KINDS[kind], float(measured.ratios[kind])
         limit = float(problem.joint_limits.array(what)[joint])
         raise Infeasible(
             "limits",
@@ -92,5 +92,11 @@ def _start_loads(problem: MotionProblem) -> Array:
     """|value| / limit of each kind at the start, ``(5,)``; that of jerk is 0."""
     limits, (q, qd, qdd) = problem.joint_limits, problem.start
     tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
-    values = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": np.zeros_like(q), "angle": q - limits.angle_middle}
-    return np.array([float((np.abs(values[kind]) / limits.array(kind)).max()) for kind in KINDS])
+    values = {
+        "torque": tau,
+        "velocity": qd,
+        "acceleration": qdd,
+        "jerk": np.zeros_like(q),
+        "angle": q - limits.angle_middle,
+    }
+    return np.array([float((np.abs(values[kind]) / limits.array(kind)).max()) for kind in LIMIT_KINDS])

@@ -12,8 +12,8 @@ from planners.apf.joint_field import reach
 from planners.apf.moving_target import approach
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
-from planners.trajectory.measure import KINDS
 from planners.typing import Array
 
 PERIOD = 0.02
@@ -137,5 +137,5 @@ def _sampled(problem: MotionProblem, states: Array, accelerations: Array, period
     jerk = np.diff(accelerations, axis=0, prepend=problem.start[2][None]) / period
     ratio = float((np.abs(jerk) / np.array(problem.joint_limits.jerk)).max())
     ratios = motion.measured.ratios.copy()
-    ratios[KINDS.index("jerk")] = ratio
+    ratios[LIMIT_KINDS.index("jerk")] = ratio
     return replace(motion, measured=motion.measured._replace(ratios=ratios))

@@ -6,16 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.problem import MotionProblem
 from planners.robot.clearance import clearance_single
 from planners.robot.dynamics import inverse_dynamics_single
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import between
-from planners.robot.limits import LimitKind
 from planners.typing import Array
-
-KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "jerk", "angle")
-"""Kinds of limit, in the order of every table here."""
 
 PARTS = 4
 """Parts of an interval between two samples at whose ends torque, jerk and clearance are evaluated."""
@@ -28,7 +26,7 @@ class Measure(NamedTuple):
     """What is measured on a motion.
 
     Attributes:
-        ratios: worst |value| / limit of each of `KINDS`, ``(5,)``; angles from the middle of their range.
+        ratios: worst |value| / limit of each of `LIMIT_KINDS`, ``(5,)``; angles from the middle of their range.
         joints: the joint of each, ``(5,)``.
         times: its time, ``(5,)``, s.
         clearance: least distance between the surfaces of the arm and a disc, m; inf without discs.
@@ -38,7 +36,7 @@ class Measure(NamedTuple):
     """
 
     ratios: Array
-    joints: Array
+    joints: NDArray[np.int64]
     times: Array
     clearance: float
     clearance_time: float
@@ -51,7 +49,7 @@ def measure(problem: MotionProblem, t: Array, q: Array, qd: Array, qdd: Array) -
     Torques are those of the arm with the estimated payload; every disc keeps its velocity.
     """
     arm, limits = problem.loaded_arm, problem.joint_limits
-    table = np.array([limits.array(kind) for kind in KINDS])
+    table = np.array([limits.array(kind) for kind in LIMIT_KINDS])
     discs = np.array(
         [(*disc.position, *disc.velocity, disc.radius) for disc in problem.obstacles], dtype=float
     ).reshape(-1, 5)
@@ -73,7 +71,7 @@ def _measure(
     link_radius: float,
     coupling: Array,
     weight: Array,
-) -> tuple[Array, Array, Array, float, float, float]:
+) -> tuple[Array, NDArray[np.int64], Array, float, float, float]:
     samples, n = q.shape
     ratios, joints, times = np.zeros(5), np.zeros(5, np.int64), np.zeros(5)
     clearance, clearance_time, gap = np.inf, 0.0, 0.0
@@ -125,7 +123,9 @@ def _measure(
 
 
 @njit(cache=True, nogil=True)
-def _raise(ratios: Array, joints: Array, times: Array, kind: int, joint: int, time: float, ratio: float) -> None:
+def _raise(
+    ratios: Array, joints: NDArray[np.int64], times: Array, kind: int, joint: int, time: float, ratio: float
+) -> None:
     """Note a ratio if it is the worst so far of its kind."""
     if ratio > ratios[kind]:
         ratios[kind], joints[kind], times[kind] = ratio, joint, time

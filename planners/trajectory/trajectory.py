@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planners.problem import MotionProblem
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import insert_turning_points, interpolate
-from planners.trajectory.measure import KINDS, Measure, measure
+from planners.trajectory.measure import Measure, measure
 from planners.typing import Array
 
 SAME_TIME = 1e-9
@@ -60,7 +61,7 @@ class Trajectory:
         The kinds are ``torque``, ``velocity``, ``acceleration``, ``jerk`` and ``angle`` (from the middle of the range).
         The ratio is 0 where there is no limit, and that of jerk inf where the acceleration jumps in spite of one.
         """
-        return dict(zip(KINDS, self.measured.ratios.tolist(), strict=True))
+        return dict(zip(LIMIT_KINDS, self.measured.ratios.tolist(), strict=True))
 
     @property
     def limit_ratio(self) -> float:
@@ -86,7 +87,7 @@ class Trajectory:
     def __repr__(self) -> str:
         """One line: planner, duration, worst limit and least clearance."""
         worst = int(self.measured.ratios.argmax())
-        parts = [f"{self.duration:.4g} s", f"{KINDS[worst]} at {100.0 * self.limit_ratio:.4g} % of its limit"]
+        parts = [f"{self.duration:.4g} s", f"{LIMIT_KINDS[worst]} at {100.0 * self.limit_ratio:.4g} % of its limit"]
         if self.limit_ratio == 0.0:
             parts[1] = "no limits"
         if math.isfinite(self.clearance):
