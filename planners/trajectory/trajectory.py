@@ -5,15 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planners.problem import MotionProblem
 from planners.robot.limits import LIMIT_KINDS
+from planners.trajectory import files
 from planners.trajectory.interpolate import insert_turning_points, interpolate
 from planners.trajectory.measure import Measure, measure
+from planners.trajectory.plot import plot
 from planners.typing import Array
+from planners.files import whole_file
+
+ANIMATE = "planarm.animate"
+"""Group of the entry point that draws motions: drawing is on a floor above this one."""
 
 SAME_TIME = 1e-9
 """Fall of the time between two samples, as a fraction of the duration, that is rounding of a jump."""
@@ -83,6 +92,54 @@ class Trajectory:
         found = interpolate(self.t, self.q, self.qd, self.qdd, times.ravel())
         q, qd, qdd = found.reshape(3, *times.shape, self.q.shape[1])
         return q, qd, qdd
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the samples as CSV, units in the names of the columns; the file appears whole or not at all."""
+        files.write_csv(self, Path(path))
+
+    def save(self, path: str | Path) -> None:
+        """Write samples and problem as NPZ, units in the names; `load` gives the same trajectory back."""
+        files.write_npz(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """The trajectory that `save` wrote, to the bit. No code in a file is run.
+
+        Raises:
+            ValueError: if the file holds no trajectory.
+            OSError: if it cannot be read.
+        """
+        return sampled_trajectory(**files.read_npz(Path(path)))
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """A matplotlib figure: angles, velocities, accelerations and torques, with their limits.
+
+        Args:
+            path: write it there too, in the format of the suffix.
+
+        Raises:
+            ModuleNotFoundError: if matplotlib is not installed; it comes with the extra ``viz``.
+        """
+        figure = plot(self)
+        if path is not None:
+            with whole_file(Path(path)) as draft:
+                figure.savefig(draft, dpi=150)
+        return figure
+
+    def animate(self, path: str | Path, *, fps: int = 25, width: int = 720) -> None:
+        """Write the motion, drawn as environments are, to a ``.gif`` or ``.mp4`` file, or its last frame as ``.png``.
+
+        Args:
+            path: of the file.
+            fps: frames a second.
+            width: of the picture, pixels.
+
+        Raises:
+            ValueError: if the format or a number is not allowed.
+            gymnasium.error.DependencyNotInstalled: if drawing or writing needs an extra.
+        """
+        (animate,) = metadata.entry_points(group=ANIMATE)
+        animate.load()(self, Path(path), fps=fps, width=width)
 
     def __repr__(self) -> str:
         """One line: planner, duration, worst limit and least clearance."""
