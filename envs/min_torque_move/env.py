@@ -169,9 +169,8 @@ class MinTorqueMove(Task):
     def _require_possible(self, move: Move) -> None:
         whole_periods(self.config, "duration", move.duration)
         for name, angles in (("start", move.start), ("goal", move.goal)):
-            if not (np.abs(angles) <= np.array(self.arm.limits.angle)).all():
-                ranges = ", ".join(f"{limit:.4g}" for limit in self.arm.limits.angle)
-                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, +-({ranges}) rad")
+            if not self.arm.limits.within(angles):
+                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, {self.arm.limits.angle_text}")
         problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)
         if quintic.plan(problem).limit_ratio > 1.0:
             try:

@@ -9,9 +9,10 @@ import numpy as np
 
 from planners.motion.line import Line
 from planners.problem import Trajectory
+from planners.robot.limits import LimitKind
 from planners.typing import Array
 
-KINDS = ("torque", "velocity", "acceleration", "jerk")
+KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "jerk")
 
 RIDE_STEP = 0.005
 """Largest sampling step after the rendezvous, s."""
@@ -50,8 +51,7 @@ class Motion(NamedTuple):
 
 def limit_table(line: Line) -> Array:
     """Limits of torque, velocity, acceleration and jerk, ``(4, n)``."""
-    limits = line.problem.joint_limits
-    return np.array([getattr(limits, kind) for kind in KINDS])
+    return np.array([line.problem.joint_limits.array(kind) for kind in KINDS])
 
 
 def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -89,7 +89,8 @@ def to_trajectory(
     joined = Motion(*(np.concatenate(values) for values in zip(*motions, strict=True)))
     last_of_instant = np.append(np.diff(joined.t) > 1e-12, True)
     t, q, tau, qd, qdd, _ = (values[last_of_instant] for values in joined)
-    angle = float(np.max(np.abs(q) / np.array(line.problem.joint_limits.angle)))
+    limits = line.problem.joint_limits
+    angle = float(np.max(np.abs(q - limits.angle_middle) / limits.angle_half))
     cut = t[-1] < min(line.problem.horizon, window_closes) - 1e-9
     return Trajectory(
         t=t,
