@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
+from envs.task import Task
+from planners import Arm
 
 Actions = NDArray[np.float32]
 Tensors = Mapping[str, NDArray[Any]]
@@ -120,6 +126,35 @@ class Agent:
             return None
         return np.clip(features @ self.tensors["log_std.weight"].T + self.tensors["log_std.bias"], *_LOG_STD_RANGE)
 
+    def check_env(self, env: Any) -> None:
+        """Raise a ValueError for an environment, single or vector, other than those that it was trained for.
+
+        That is one of another task, or with another arm or other actions.
+        """
+        task = getattr(env.unwrapped, "task", None)
+        if not isinstance(task, Task):
+            return  # one that only looks like the task's; the size of its observations is checked in use
+        refuse_transformed(env, "an agent")
+        if task.env_id != self.env_id:
+            raise ValueError(f"this agent was trained on {self.env_id}, not on {task.env_id}")
+        for name in ACTION_SETTINGS:
+            given, own = (getattr(config, name) for config in (task.config, self._task.config))
+            if given != own:
+                raise ValueError(f"this agent was trained with {name} {own!r}; the environment has {given!r}")
+        if replace(task.arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
+            raise ValueError(
+                f"this agent was trained for another arm: {_in_words(self._task.arm)}; the environment has "
+                f"{_in_words(task.arm)}. Train one for this arm, with arm=... among the settings of planarm train, or "
+                "give the environment the agent's arm"
+            )
+
+    @cached_property
+    def _task(self) -> Task:
+        """The task that it was trained on."""
+        with closing(gym.make(self.env_id, **self.env_config)) as env:
+            task: Task = env.unwrapped.task  # type: ignore[attr-defined]
+            return task
+
     def _mean(self, batch: Observation) -> tuple[Actions, NDArray[np.float32]]:
         """Mean actions before they are bounded, ``(num_envs, n)``, and the last hidden layer's values."""
         tensors, activation = self.tensors, ACTIVATIONS[self.document["activation"]]
@@ -130,6 +165,12 @@ class Agent:
             values = activation(values @ tensors[f"layer{layer}.weight"].T + tensors[f"layer{layer}.bias"])
         means: Actions = values @ tensors[f"layer{last}.weight"].T + tensors[f"layer{last}.bias"]
         return means, values
+
+
+def _in_words(arm: Arm) -> str:
+    """An arm in few words."""
+    lengths, masses = (", ".join(f"{value:g}" for value in values) for values in (arm.lengths, arm.masses))
+    return f"{arm.name} (links of {lengths} m and {masses} kg)"
 
 
 def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:

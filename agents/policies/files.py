@@ -97,7 +97,13 @@ def _find(source: str | Path) -> Path:
         if path.is_dir():
             return path / "best.safetensors"
         if path.suffix == ".safetensors":
+            if not path.exists():
+                raise ValueError(f"no file {path}")
             return path
+        if path.exists():
+            raise ValueError(f"{path} is no agent: the file of one ends in .safetensors")
+        if len(path.parts) > 1:
+            raise ValueError(f"no folder {path}")
     refuse_unknown([str(source)], shipped, "agent (the path of one ends in .safetensors)")
     return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
 

@@ -188,8 +188,10 @@ def test_what_is_wrong_with_an_agent_is_said(saved: Path, changes: dict[str, Any
 
 
 def test_missing_and_damaged_files(saved: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="cannot read "):
+    with pytest.raises(ValueError, match=r"no file .*none\.safetensors"):
         load_agent(tmp_path / "none.safetensors")
+    with pytest.raises(ValueError, match=r"no folder .*mine"):
+        load_agent(tmp_path / "mine")
     with pytest.raises(ValueError, match="unknown agent"):
         load_agent("ConveyorTrack-v7")
     saved.write_bytes(saved.read_bytes()[:40])
