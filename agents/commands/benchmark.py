@@ -14,8 +14,8 @@ import tyro
 from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
-from agents.files import check_output, write_json
 from agents.yaml_config import assigned
+from planners.files import check_output, write_json
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from agents.console import note
 from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
-from agents.files import check_output, write_bytes
 from envs.settings import refuse_unknown
+from planners.files import check_output, write_bytes
 
 
 def check_picture(plot: Path | None, dpi: int) -> None:

@@ -14,10 +14,10 @@ from rich.console import Console
 from agents.evaluation.compare import Pair, as_documents, compare_all, comparison
 from agents.evaluation.leaderboard import TaskResult, as_document, leaderboard
 from agents.evaluation.results import Evaluation
-from agents.files import write_json
 from agents.policies.lookup import NamedPolicy
 from agents.provenance import machine, versions
 from agents.tables import Table
+from planners.files import write_json
 
 
 @dataclass

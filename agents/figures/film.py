@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from agents.files import check_output, whole_file
 from envs.settings import refuse_unknown
+from planners.files import check_output, whole_file
 
 Frame = NDArray[np.uint8]
 

@@ -16,10 +16,10 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 import envs
-from agents.files import write_bytes, write_json
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
+from planners.files import write_bytes, write_json
 
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
