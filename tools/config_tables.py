@@ -14,9 +14,9 @@ import gymnasium as gym
 
 import envs
 from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, Published
-from agents.files import write_text
 from agents.training.recipe import Amortisation, TrainingConfig, WarmStart
 from envs.settings import Settings
+from planners.files import write_text
 
 PAGE = Path(__file__).parent.parent / "docs" / "configs.md"
 _MARKED = re.compile(r"^(<!-- settings of (\S+) -->)$.*?^(<!-- end of \2 -->)$", flags=re.MULTILINE | re.DOTALL)

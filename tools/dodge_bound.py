@@ -21,9 +21,9 @@ import tyro
 
 import envs  # noqa: F401  registers the environment
 from agents.console import note, progress_bar
-from agents.files import write_json
 from agents.provenance import versions
 from envs.obstacle_dodge.bound import ENV_ID, FILE, LETTERS, SETTINGS, Bounds, as_counted, solve
+from planners.files import write_json
 
 BATCH = 20  # seeds after which the result is stored
 

@@ -16,10 +16,10 @@ import tyro
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from agents.files import write_text
 from agents.tables import Table
 from envs.physics.rigid_bodies import World, advance, arm_constants, arm_fields, model_record, place_arm
 from planners import PLANAR_3R, SCARA_1M, Arm
+from planners.files import write_text
 from planners.typing import Array
 
 CONTROL_PERIOD = 0.01

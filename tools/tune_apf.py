@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from agents.console import note
-from agents.evaluation.evaluate import Evaluation, evaluate
-from agents.files import write_json
+from agents.evaluation.evaluate import evaluate
+from agents.evaluation.results import Evaluation
 from agents.provenance import versions
 from envs.obstacle_dodge.experts import DodgingExpert
 from planners.apf.dodge.gains import GAINS_FILE, DodgeGains, tuned_gains
+from planners.files import write_json
 from planners.typing import Array
 
 ENV_ID = "ObstacleDodge-v0"

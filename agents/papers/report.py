@@ -9,8 +9,8 @@ from typing import Any
 
 from agents.console import say
 from agents.figures.sheet import Figure, image_bytes
-from agents.files import write_bytes, write_json
 from agents.tables import Table
+from planners.files import write_bytes, write_json
 
 Record = dict[str, Any]  # a result by the names that it has in the JSON
 Columns = Mapping[str, str | Callable[[Record], str]]

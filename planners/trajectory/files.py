@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from planners.files import whole_file
 from planners.problem import FixedHand, FixedJoints, MotionProblem, MovingHand, Obstacle, Target
 from planners.robot.arm_files import arm_document, limits_document, load_arm, load_limits
 from planners.typing import Array
-from planners.files import whole_file
 
 if TYPE_CHECKING:
     from planners.trajectory.trajectory import Trajectory

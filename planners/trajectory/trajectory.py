@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.files import whole_file
 from planners.problem import MotionProblem
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import files
@@ -19,7 +20,6 @@ from planners.trajectory.interpolate import insert_turning_points, interpolate
 from planners.trajectory.measure import Measure, measure
 from planners.trajectory.plot import plot
 from planners.typing import Array
-from planners.files import whole_file
 
 ANIMATE = "planarm.animate"
 """Group of the entry point that draws motions: drawing is on a floor above this one."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.files import whole_file, write_json, write_text
+from planners.files import whole_file, write_json, write_text
 
 
 def refuse_constant(name: str) -> None:
