@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from planners.files import whole_file
 from planners.problem import MotionProblem
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory import files
 from planners.trajectory.interpolate import insert_turning_points, interpolate
 from planners.trajectory.measure import Measure, measure
 from planners.trajectory.plot import plot
@@ -95,10 +94,14 @@ class Trajectory:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the samples as CSV, units in the names of the columns; the file appears whole or not at all."""
+        from planners.trajectory import files
+
         files.write_csv(self, Path(path))
 
     def save(self, path: str | Path) -> None:
         """Write samples and problem as NPZ, units in the names; `load` gives the same trajectory back."""
+        from planners.trajectory import files
+
         files.write_npz(self, Path(path))
 
     @classmethod
@@ -109,6 +112,8 @@ class Trajectory:
             ValueError: if the file holds no trajectory.
             OSError: if it cannot be read.
         """
+        from planners.trajectory import files
+
         return sampled_trajectory(**files.read_npz(Path(path)))
 
     def plot(self, path: str | Path | None = None) -> Any:
