@@ -4,18 +4,25 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agents.evaluation.evaluate import Evaluation, evaluate
+    from agents.evaluation.evaluate import evaluate
+    from agents.evaluation.results import Evaluation
+    from agents.evaluation.scoreboard import Scoreboard
+    from agents.evaluation.scoring import compare
+    from agents.evaluation.scoring import score_leaderboard as leaderboard
     from agents.policies.agent import Agent
     from agents.policies.files import load_agent, save_agent
 
-__all__ = ["Agent", "Evaluation", "evaluate", "load_agent", "save_agent"]
+__all__ = ["Agent", "Evaluation", "Scoreboard", "compare", "evaluate", "leaderboard", "load_agent", "save_agent"]
 
 _HOMES = {
-    "Agent": "agents.policies.agent",
-    "Evaluation": "agents.evaluation.evaluate",
-    "evaluate": "agents.evaluation.evaluate",
-    "load_agent": "agents.policies.files",
-    "save_agent": "agents.policies.files",
+    "Agent": "agents.policies.agent:Agent",
+    "Evaluation": "agents.evaluation.results:Evaluation",
+    "Scoreboard": "agents.evaluation.scoreboard:Scoreboard",
+    "compare": "agents.evaluation.scoring:compare",
+    "evaluate": "agents.evaluation.evaluate:evaluate",
+    "leaderboard": "agents.evaluation.scoring:score_leaderboard",
+    "load_agent": "agents.policies.files:load_agent",
+    "save_agent": "agents.policies.files:save_agent",
 }
 
 
@@ -24,5 +31,6 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return metadata.version("planarm")
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        module, _, own = _HOMES[name].partition(":")
+        return getattr(import_module(module), own)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -32,7 +32,7 @@ def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progre
     """
     console = Console(stderr=True)
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn(unit),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,15 +19,62 @@ import numpy as np
 def whole_file(path: Path) -> Iterator[Path]:
     """Write a file atomically: a draft beside ``path``, with its suffix, replaces it if the block raises no error.
 
-    Makes the folder if it is missing. Readers see the old file or the new one.
+    Makes the folder if it is missing. Readers see the old file or the new one. Behind a symbolic link the file that it
+    leads to is replaced; a pipe or a device gets the content when the block has ended.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    if _is_stream(path):
+        with TemporaryDirectory() as folder:
+            draft = Path(folder) / path.name
+            yield draft
+            with draft.open("rb") as content, path.open("wb") as stream:
+                shutil.copyfileobj(content, stream)
+        return
+    target = Path(os.path.realpath(path))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    draft = _draft(target, path.suffix)
     try:
         yield draft
-        os.replace(draft, path)
+        if target.exists():
+            shutil.copymode(target, draft)
+        with draft.open("rb") as content:
+            os.fsync(content.fileno())
+        os.replace(draft, target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def check_output(path: Path | None) -> None:
+    """Raise a ValueError, before any work is done for it, if a file could not be written; makes its folder.
+
+    None is no file, and always right.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise ValueError(f"cannot write {path}: it is a folder; give the name of a file")
+    try:
+        if _is_stream(path):
+            if not os.access(path, os.W_OK):
+                raise PermissionError("it may not be written to")
+            return
+        target = Path(os.path.realpath(path))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        draft = _draft(target, path.suffix)
+        draft.touch()
+        draft.unlink()
+    except (OSError, ValueError) as error:
+        raise ValueError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _draft(target: Path, suffix: str) -> Path:
+    return target.with_name(f".{target.stem[:100]}.{os.getpid()}{suffix}")
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path is a pipe, a device, or one of the standard streams, which are not to be replaced."""
+    if os.path.abspath(path).startswith(("/dev/fd/", "/dev/std", "/proc/self/fd/")):
+        return True
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def write_bytes(path: Path, content: bytes) -> None:

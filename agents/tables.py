@@ -5,13 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from rich import box
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from agents.evaluation.statistics import Estimate
+
+class Interval(Protocol):
+    """A number with an interval, which is NaN where there is none."""
+
+    @property
+    def value(self) -> float:
+        """The number."""
+
+    @property
+    def low(self) -> float:
+        """The lower end."""
+
+    @property
+    def high(self) -> float:
+        """The upper end."""
+
 
 _MARKDOWN_WIDTH = 10_000  # characters: a row of Markdown must stay on one line
 
@@ -71,12 +87,12 @@ def percent_text(share: float) -> str:
     return f"{100.0 * share:.1f}".removesuffix(".0")
 
 
-def share_text(share: Estimate) -> str:
+def share_text(share: Interval) -> str:
     """A share in percent, with its interval."""
     return f"{percent_text(share.value)} ({percent_text(share.low)}-{percent_text(share.high)})"
 
 
-def interval_text(estimate: Estimate, text: Callable[[float], str] = number_text) -> str:
+def interval_text(estimate: Interval, text: Callable[[float], str] = number_text) -> str:
     """An estimate with its interval, if there is one; ``text`` writes each number."""
     value, low, high = map(text, (estimate.value, estimate.low, estimate.high))
     return value if math.isnan(estimate.low) else f"{value} ({low} to {high})"

@@ -14,14 +14,14 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.card import load
+from envs.checks import checked_actions, checked_count, checked_options, untouched_when_refused
 from envs.observation import Observation
-from envs.rendering import Renderer
 from envs.settings import refuse_unknown
 from envs.task import Task
+from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
 from planners.typing import Array
 
-Frame = NDArray[np.uint8]
 Info = dict[str, Any]
 
 _DECLARED = """{text}
@@ -79,17 +79,23 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
-        self._needs_reset = True
-        self._camera = _Camera(self.task, 0, window=render_mode == "human")
+        self._needs_reset, self._begun = True, False
+        self._camera = TaskCamera(self.task, 0, window=render_mode == "human")
         # Views of the one record, made once to keep a step fast.
         self._env = self.task.batch[0]
         self._action, self._observation = self._env["action"], self._env["observation"]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; the environment's docstring lists the options."""
-        super().reset(seed=seed)
-        self.task.reset_envs([0], [self.np_random], options or {})
-        self._needs_reset = False
+        """Begin an episode; the environment's docstring lists the options.
+
+        Raises:
+            ValueError: for options that are refused; the episode and the random numbers go on as if not called.
+        """
+        generator, used_seed = (self.np_random, self.np_random_seed) if seed is None else seeding.np_random(seed)
+        with untouched_when_refused([generator]):
+            self.task.reset_envs([0], [generator], checked_options(options))
+        self._np_random, self._np_random_seed = generator, used_seed
+        self._needs_reset, self._begun = False, True
         self._camera.begin()
         if self.render_mode == "human":
             self.render()
@@ -99,7 +105,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         """Hold an action for one control period."""
         if self._needs_reset:
             raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
-        self._action[:] = action
+        self._action[:] = checked_actions(action, self._action.shape)
         self.task.advance()
         env = self._env
         terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
@@ -115,6 +121,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def render(self) -> Frame | None:
         """The current frame, ``(height, width, 3)``, or None in ``"human"`` mode, where it goes to a window."""
+        if not self._begun:
+            raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
         if self.render_mode is None:
             gym.logger.warn('render() needs a render mode: gym.make(..., render_mode="rgb_array")')
             return None
@@ -165,8 +173,10 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         **config: Any,
     ) -> None:
         EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
-        if num_envs < 1:
-            raise ValueError(f"num_envs {num_envs} must be at least 1")
+        num_envs = checked_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            hint = "; leave it out to truncate at the horizon only"
+            max_episode_steps = checked_count("max_episode_steps", max_episode_steps, hint)
         self.task: Task = _make_task(task_type, config, num_envs, render_mode, self.metadata)
         self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
         self.num_envs = num_envs
@@ -177,19 +187,25 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._max_episode_steps = max_episode_steps
         self._generators: list[np.random.Generator] = []
-        self._cameras = [_Camera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
+        self._cameras = [TaskCamera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
         self._running = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin an episode in every environment, or in those of ``options["reset_mask"]``."""
-        options = dict(options or {})
+        """Begin an episode in every environment, or in those of ``options["reset_mask"]``.
+
+        Raises:
+            ValueError: for options, seeds or a mask that are refused; episodes and random numbers go on as if not
+                called.
+        """
+        options = checked_options(options)
         mask = options.pop("reset_mask", None)
         chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
-        self._seed(seed, chosen)
-        self._begin(chosen, options)
-        self._running = True
+        generators = self._seeded(seed, chosen)
+        with untouched_when_refused(generators):
+            self._begin(chosen, options, generators)
+        self._generators, self._running = generators, True
         return self._observations(), self._step_infos()
 
     def step(
@@ -199,7 +215,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         if not self._running:
             raise gym.error.ResetNeeded("no episode has begun: call reset() first")
         batch = self.task.batch
-        batch["action"] = actions
+        batch["action"] = checked_actions(actions, batch["action"].shape)
         self.task.advance()
         for camera in self._cameras:
             camera.follow()
@@ -210,11 +226,13 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         ended = terminated | truncated
         if ended.any():
             infos.update(self._final(ended))
-            self._begin(np.flatnonzero(ended).tolist(), {})
+            self._begin(np.flatnonzero(ended).tolist(), {}, self._generators)
         return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Frame, ...] | None:
         """One frame per environment."""
+        if not self._running:
+            raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
         return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -231,13 +249,14 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         """The planning problem that the current observation of an environment states."""
         return self.task.motion_problem(self.task.batch["observation"][env_index])
 
-    def _begin(self, chosen: list[int], options: dict[str, Any]) -> None:
-        """Begin an episode in the chosen environments."""
-        self.task.reset_envs(chosen, [self._generators[env_index] for env_index in chosen], options)
+    def _begin(self, chosen: list[int], options: dict[str, Any], generators: list[np.random.Generator]) -> None:
+        """Begin an episode in the chosen environments, each with its own of all generators."""
+        self.task.reset_envs(chosen, [generators[env_index] for env_index in chosen], options)
         for env_index in chosen if self._cameras else ():
             self._cameras[env_index].begin()
 
-    def _seed(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> None:
+    def _seeded(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> list[np.random.Generator]:
+        """The generators of all environments, those of the chosen ones seeded again if seeds are given."""
         if isinstance(seed, (int, np.integer)):
             seeds: Sequence[int | None] = [int(seed) + env_index for env_index in range(self.num_envs)]
         else:
@@ -247,11 +266,12 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
                 f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed per environment"
             )
         if not self._generators:
-            self._generators = [seeding.np_random(one)[0] for one in seeds]
-            return
+            return [seeding.np_random(one)[0] for one in seeds]
+        generators = list(self._generators)
         for env_index in chosen:
             if seeds[env_index] is not None:
-                self._generators[env_index] = seeding.np_random(seeds[env_index])[0]
+                generators[env_index] = seeding.np_random(seeds[env_index])[0]
+        return generators
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         array = np.asarray(mask)
@@ -291,33 +311,3 @@ def _make_task(
     kind: Any = load(task_type) if isinstance(task_type, str) else task_type
     task: Task = kind.make(config, num_envs)
     return task
-
-
-class _Camera:
-    """Draws one environment, with the trail of its hand."""
-
-    def __init__(self, task: Task, env_index: int, *, window: bool = False) -> None:
-        self._task, self._env, self._window = task, env_index, window
-        self._trail: list[Array] = []
-        self._renderer: Renderer | None = None
-
-    def begin(self) -> None:
-        """Begin a new trail."""
-        self._trail.clear()
-        self.follow()
-
-    def follow(self) -> None:
-        """Add the current hand position to the trail."""
-        self._trail.append(self._task.hand_position(self._env))
-
-    def frame(self) -> Frame:
-        """Draw the environment as it is now."""
-        if self._renderer is None:
-            self._renderer = Renderer(self._task.view, window=self._window, fps=self._task.frame_rate)
-        return self._renderer.draw(self._task.scene(self._env, self._trail))
-
-    def close(self) -> None:
-        """Close the window."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None

@@ -19,6 +19,10 @@ _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", type(None): "null", Any: "value"}
 
 
+class UnknownName(ValueError, TypeError):
+    """A name that is not known: an unexpected keyword (a TypeError) with a bad value (a ValueError)."""
+
+
 class Settings(BaseModel):
     """Base of every set of settings: the configuration of an environment, its reset options, an experiment's YAML.
 
@@ -44,7 +48,8 @@ class Settings(BaseModel):
             what: what they are, for messages ("ConveyorTrack-v0 option").
 
         Raises:
-            ValueError: naming each unknown name with the nearest known one, or each bad value with what is allowed.
+            UnknownName: for an unknown name (a ValueError and a TypeError), with the nearest known one.
+            ValueError: naming each bad value with what is allowed.
         """
         refuse_unknown(given, cls.model_fields, what)
         try:
@@ -93,13 +98,13 @@ def _complaint(error: Mapping[str, Any]) -> str:
 
 
 def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
-    """Raise a ValueError if a given name is not known, with the nearest known name."""
+    """Raise `UnknownName` if a given name is not known, with the nearest known name."""
     names = sorted(known)
     for name in given:
         if name not in names:
             near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
             hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise ValueError(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
+            raise UnknownName(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
 
 
 def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:

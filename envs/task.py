@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -143,7 +142,10 @@ class Task(ABC):
             ValueError: for an unknown name or a value that is not allowed.
         """
         task: Any = cls
-        made: Self = task(cls.config_type.parse(config, f"{cls.env_id} setting"), num_envs)
+        settings = cls.config_type.parse(config, f"{cls.env_id} setting")
+        whole_multiple("control_period", settings.control_period, "physics_step", settings.physics_step)
+        whole_periods(settings, "horizon", settings.horizon)
+        made: Self = task(settings, num_envs)
         return made
 
     def reset_envs(
@@ -204,17 +206,10 @@ class Task(ABC):
         self.kernels.advance_batch(self.batch, self.model, first, last)
 
     def advance(self) -> None:
-        """Advance every environment by one control period, on several threads if there are many environments.
+        """Advance every environment by one control period under its ``action``, a row of finite numbers.
 
-        Raises:
-            ValueError: if an action is not finite; nothing has moved then.
+        On several threads if there are many environments.
         """
-        if not actions_finite(self.batch):
-            bad = np.flatnonzero(~np.isfinite(self.batch["action"]).all(axis=1))
-            raise ValueError(
-                f"action {self.batch['action'][bad[0]].tolist()} (environment {bad[0]}) is not finite; "
-                "actions are numbers in [-1, 1], larger ones are clipped"
-            )
         if self._threads < 2:
             self.advance_slice(0, self.num_envs)
             return
@@ -291,13 +286,3 @@ def whole_periods(config: TaskSettings, name: str, seconds: float) -> int:
     if count > whole_multiple("horizon", config.horizon, "control_period", config.control_period):
         raise ValueError(f"{name} {seconds} s is longer than the horizon {config.horizon} s; change one of them")
     return count
-
-
-@njit(cache=True, nogil=True)
-def actions_finite(batch: Any) -> bool:
-    """Whether every action of every environment is finite."""
-    for env_index in range(batch.shape[0]):
-        for value in batch[env_index].action:
-            if not np.isfinite(value):
-                return False
-    return True

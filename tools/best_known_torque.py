@@ -89,9 +89,11 @@ def minimise(problem: MotionProblem, stages: int, power: int, q: Array, share: f
     qd[[0, -1]] = 0.0
     qdd = np.diff(qd, axis=0) / step
     tau = arm.inverse_dynamics(np.vstack([q[:-1], q[1:]]), np.vstack([qd[:-1], qd[1:]]), np.vstack([qdd, qdd]))
-    torque, angle = (share * np.array(limits) for limits in (problem.joint_limits.torque, problem.joint_limits.angle))
+    limits = problem.joint_limits
+    torque, angle = share * limits.array("torque"), share * limits.angle_half
     high = [np.tile(angle, (stages + 1, 1)), np.full((stages + 1, n), np.inf), np.full((stages, n), np.inf)]
     low = [-bound for bound in high]
+    low[0], high[0] = limits.angle_middle + low[0], limits.angle_middle + high[0]
     low[0][[0, -1]] = high[0][[0, -1]] = problem.q, problem.target.q
     low[1][[0, -1]] = high[1][[0, -1]] = 0.0
     guess, limit = [q, qd, qdd], np.tile(torque, 2 * stages)
@@ -113,7 +115,8 @@ def assess(problem: MotionProblem, motion: Array, stages: int, power: int) -> tu
     q, qd, qdd = q + s * (qd + s / 2.0 * qdd), qd + s * qdd, np.broadcast_to(qdd, (DENSE + 1, *qdd.shape))
     tau = problem.arm.inverse_dynamics(*(np.ascontiguousarray(v.reshape(-1, q.shape[2])) for v in (q, qd, qdd)))
     rate = np.sum(np.abs(tau) ** power, axis=1).reshape(DENSE + 1, -1)
-    loads = [np.abs(tau) / np.array(problem.joint_limits.torque), np.abs(q) / np.array(problem.joint_limits.angle)]
+    limits = problem.joint_limits
+    loads = [np.abs(tau) / limits.array("torque"), np.abs(q - limits.angle_middle) / limits.angle_half]
     return float(np.trapezoid(rate, s[:, 0], axis=0).sum()), max(float(load.max()) for load in loads)
 
 
@@ -122,11 +125,12 @@ def solve(problem: MotionProblem, power: int, generator: np.random.Generator, st
     assert isinstance(problem.target, FixedJoints)
     s = np.linspace(0.0, 1.0, COARSE + 1)[:, None]
     quintic = problem.q + (problem.target.q - problem.q) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    reach = 0.98 * np.array(problem.joint_limits.angle)
+    middle, reach = problem.joint_limits.angle_middle, 0.98 * problem.joint_limits.angle_half
     sketches = []
     for start in range(starts + 1):
         detour, lean = generator.uniform(-1.0, 1.0, (2, problem.arm.n_joints)) * SPREAD * (start > 0)
-        q = np.clip(quintic + 16.0 * (s * (1.0 - s)) ** 2 * (detour + (1.0 - 2.0 * s) * lean), -reach, reach)
+        bent = quintic + 16.0 * (s * (1.0 - s)) ** 2 * (detour + (1.0 - 2.0 * s) * lean)
+        q = middle + np.clip(bent - middle, -reach, reach)
         for exponent in (2, power):
             sketch = minimise(problem, COARSE, exponent, q)
             q = sketch[: COARSE + 1]

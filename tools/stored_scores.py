@@ -21,11 +21,12 @@ import tyro
 
 import envs
 from agents.console import note, progress_bar
-from agents.evaluation.evaluate import Policy, PolicyMaker, evaluate
+from agents.evaluation.evaluate import evaluate
 from agents.evaluation.summarise import LIMIT_TOLERANCE, summarise
 from agents.files import write_json
 from agents.policies.files import shipped_agents
 from agents.policies.lookup import SHIPPED, find_policy
+from agents.policies.policy import Policy, PolicyMaker
 from agents.provenance import machine, versions
 from envs.experts import expert_names
 

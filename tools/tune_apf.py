@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from agents.console import note
-from agents.evaluation.evaluate import Evaluation, evaluate
+from agents.evaluation.evaluate import evaluate
+from agents.evaluation.results import Evaluation
 from agents.files import write_json
 from agents.provenance import versions
 from envs.obstacle_dodge.experts import DodgingExpert

@@ -4,38 +4,37 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
-from agents.evaluation.benchmark_config import BenchmarkConfig
-from agents.evaluation.compare import comparison
-from agents.evaluation.leaderboard import leaderboard
-from agents.files import write_json
-from agents.yaml_config import load_config
-from envs.experts import ADAPTIVE, expert_names, is_expert
-from envs.settings import refuse_unknown
+from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
+from agents.files import check_output, write_json
+from agents.yaml_config import assigned
 
 
 @dataclass(frozen=True)
 class BenchmarkOptions:
     """Score policies on tasks and print the leaderboard, beside the best known optimum and published figures.
 
-    Learnt policies are compared with each expert in pairs, on the same episodes. Takes some minutes. Ctrl-C prints
-    what is finished. Where the output is no terminal, tables are Markdown.
+    Learnt policies and your own are compared with each other one in pairs, on the same episodes. Takes some minutes.
+    Ctrl-C prints what is finished. Where the output is no terminal, tables are Markdown.
 
     For example:
 
         $ planarm benchmark
         $ planarm benchmark --policies dpct follower --episodes 1000 --json runs/leaderboard.json
         $ planarm benchmark --policies agent apf runs/mine --tasks ObstacleDodge-v0
+        $ planarm benchmark --policies my_module:make_policy model.zip dpct --tasks ConveyorTrack-v0 --allow-code
+        $ planarm benchmark --tasks my_module:MyTask-v0 --options distance=0.3
     """
 
-    config: str = "benchmark"
+    config: str = SHIPPED_CONFIG
     """Name of a shipped configuration (configs/), or a path to a YAML file of the same form."""
     episodes: int | None = None
     """Episodes of each policy on each task."""
@@ -44,64 +43,53 @@ class BenchmarkOptions:
     seed: int | None = None
     """Seed of the first episode; each further episode has the next."""
     policies: tuple[str, ...] | None = None
-    """Names of experts; agent for the trained agent that comes with planarm; the path of a run or an agent."""
+    """Names of experts; agent for the trained agent that comes with planarm; the path of a run, an agent or a .zip;
+    module:name for your own planner, policy, or function that makes one."""
     tasks: tuple[str, ...] | None = None
-    """Names of tasks of the configuration, to run these alone."""
+    """Names of tasks of the configuration, to run these alone; or ids of other environments, module:id for yours."""
+    settings: tuple[str, ...] = ()
+    """key=value for each setting of the environments to change from its default, such as payload=0.3."""
+    options: tuple[str, ...] = ()
+    """key=value for each option of the reset, such as belt_speed=0.2."""
     num_envs: int | None = None
     """Episodes that run at once."""
     json: Path | None = None
     """Write every episode, with versions and seeds, to this file."""
+    allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
     def resolve(self) -> BenchmarkConfig:
         """The configuration with the changes of the command line."""
-        config = load_config(self.config, BenchmarkConfig)
         changes: dict[str, Any] = {
             name: getattr(self, name)
             for name in ("episodes", "bound_episodes", "seed", "policies", "num_envs")
             if getattr(self, name) is not None
         }
-        tasks = config.tasks
-        if self.tasks is not None:
-            titles = {task.title: task for task in tasks}
-            refuse_unknown(self.tasks, titles, "task")
-            tasks = tuple(titles[name] for name in self.tasks)
-        if self.policies is not None:
-            own = [(task, _without_other_experts(self.policies, task.env)) for task in tasks]
-            acting = [task.model_copy(update={"policies": policies}) for task, policies in own if policies]
-            tasks = tuple(acting) or tuple(task.model_copy(update={"policies": None}) for task in tasks)
-        return BenchmarkConfig.parse({**dict(config), **changes, "tasks": tasks}, "benchmark setting")
-
-
-def _without_other_experts(policies: Sequence[str], env_id: str) -> tuple[str, ...]:
-    """The policies that are not experts of other tasks only."""
-    here = expert_names(env_id)
-    return tuple(name for name in policies if name.removesuffix(ADAPTIVE) in here or not is_expert(name))
+        changes |= {"env_config": assigned({}, self.settings), "options": assigned({}, self.options)}
+        return configure(self.config, changes, self.tasks)
 
 
 def run(options: BenchmarkOptions) -> int:
     """Run the benchmark, print the leaderboard, write the JSON; the exit code."""
-    return run_and_print(Benchmark(options.resolve()), options.json)
+    return run_and_print(Benchmark(options.resolve(), allow_code=options.allow_code), options.json)
 
 
 def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
-    """Run a benchmark with a progress bar, print its tables, write every episode to ``json``; the exit code."""
-    started = datetime.now(UTC)
-    if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
+    """Run a benchmark with a progress bar, write every episode to ``json``, print its tables; the exit code."""
+    started, board = datetime.now(UTC), benchmark.board
+    check_output(json)
     try:
         _run_with_bar(benchmark)
     except KeyboardInterrupt:
         note("interrupted: what follows is what was finished", "yellow")
-    for result in benchmark.results:
-        if result.evaluations:
-            leaderboard(result).show()
-        if pairs := benchmark.pairs(result):
-            comparison(result.task.env, pairs).show()
     if json is not None:
         origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
-        write_json(json, {**origin, **benchmark.document()})
+        write_json(json, {**origin, **board.document()})
         note(f"wrote {json}")
-    return 0 if benchmark.complete else INTERRUPTED
+    for assumption in dict.fromkeys(line for result in board.results for line in result.assumptions):
+        note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
+    board.show()
+    return 0 if board.complete else INTERRUPTED
 
 
 def _run_with_bar(benchmark: Benchmark) -> None:

@@ -10,8 +10,10 @@ import tyro
 
 import envs
 from agents.commands.benchmark import run_and_print
+from agents.environments import import_env, is_in_module
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import BenchmarkConfig
+from agents.policies.agent import ACTION_SETTINGS
 from agents.policies.files import load_agent
 from agents.policies.lookup import SHIPPED, find_policy
 from agents.yaml_config import assigned
@@ -20,23 +22,25 @@ from envs.experts import is_expert
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Score a policy: an expert, an agent that was trained here, or a model of Stable-Baselines3.
+    """Score a policy: an expert, an agent that was trained here, a model of Stable-Baselines3, or one of your own.
 
-    The same seed begins the same episode for every policy, so that --against compares in pairs.
+    The same seed begins the same episode for every policy, so that --against compares in pairs. A policy of your own
+    training is scored in the settings that it was trained in, unless --settings changes them; all others with it.
 
     For example:
 
         $ planarm evaluate apf --env ObstacleDodge-v0 --episodes 1000
         $ planarm evaluate runs/mine --against dpct apf
+        $ planarm evaluate my_module:make_policy --env ConveyorTrack-v0 --against dpct --options belt_speed=0.2
         $ planarm evaluate dpct+adaptive --env ConveyorTrack-v0 --against dpct --settings payload=0.3
         $ planarm evaluate model.zip --env ConveyorTrack-v0 --settings control_mode=jerk --allow-code
     """
 
     policy: tyro.conf.Positional[str]
-    """Name of an expert, with +adaptive to estimate the payload; agent for the one that comes with planarm; or the path
-    of a run, an agent or a .zip."""
+    """Name of an expert, with +adaptive to estimate the payload; agent for the one that comes with planarm; the path
+    of a run, an agent or a .zip; or module:name for your own planner, policy, or function that makes one."""
     env: str | None = None
-    """Id of the environment; may be left out for planarm's own agents, whose files name it."""
+    """Id of the environment, module:id for your own; may be left out for agents trained here, whose files name it."""
     episodes: int = 100
     """How many."""
     seed: int = 0
@@ -45,33 +49,44 @@ class EvaluateOptions:
     """Policies to compare with, on the same episodes."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environment to change from its default."""
+    options: tuple[str, ...] = ()
+    """key=value for each option of the reset, such as belt_speed=0.2 or scenario=paper."""
     num_envs: int = 256
     """Episodes that run at once."""
     json: Path | None = None
     """Write every episode, with versions and seeds, to this file."""
     allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Load a Stable-Baselines3 .zip although any code in it is run."""
+    """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
     def resolve(self) -> Benchmark:
         """The evaluation as a benchmark of one task."""
         env_id = self._env_id()
+        named = find_policy(self.policy, env_id, allow_code=self.allow_code)
+        carried = {name: value for name, value in named.env_config.items() if name not in ACTION_SETTINGS}
         settings = {
             "episodes": self.episodes,
             "bound_episodes": 0,
             "seed": self.seed,
             "num_envs": self.num_envs,
             "policies": tuple(dict.fromkeys((self.policy, *self.against))),
-            "tasks": [{"env": env_id, "env_config": assigned({}, self.settings)}],
+            "tasks": [
+                {
+                    "env": env_id,
+                    "env_config": {**carried, **assigned({}, self.settings)},
+                    "options": assigned({}, self.options),
+                }
+            ],
         }
         config = BenchmarkConfig.parse(settings, "evaluation setting")
-        name = find_policy(self.policy, env_id, allow_code=self.allow_code).name
-        return Benchmark(config, compared=(name,), allow_code=self.allow_code)
+        return Benchmark(config, compared=(named.name,), allow_code=self.allow_code)
 
     def _env_id(self) -> str:
         if self.env is not None:
-            envs.task_card(self.env)  # raises for an unknown id
-            return self.env
-        if is_expert(self.policy) or self.policy == SHIPPED or self.policy.endswith(".zip"):
+            env_id = import_env(self.env)
+            envs.task_card(env_id)  # raises for an unknown id
+            return env_id
+        names_none = is_expert(self.policy) or is_in_module(self.policy) or self.policy.endswith(".zip")
+        if names_none or self.policy == SHIPPED:
             raise ValueError(f"no environment: give --env, one of {', '.join(envs.env_ids())}")
         return load_agent(self.policy).env_id
 

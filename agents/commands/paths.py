@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated
 
 import tyro
 
 import envs
 from agents.commands.pictures import check_picture, write_picture
+from agents.commands.reset_options import given_options
+from agents.environments import check_names, check_seed, import_env
 from agents.figures.episode_record import EpisodeRecord, picture_of, record_episode
 from agents.figures.paths import draw_paths
-from agents.policies.lookup import find_policy
+from agents.policies.lookup import name_policies
 from agents.tables import Table
+from agents.yaml_config import assigned
 
 
 @dataclass(frozen=True)
@@ -33,33 +36,43 @@ agent --seed 12 --plot docs/paths_excavator_payload.png
     """
 
     env: tyro.conf.Positional[str]
-    """Id of the environment, such as ObstacleDodge-v0."""
+    """Id of the environment, such as ObstacleDodge-v0; module:id for your own."""
     policies: tuple[str, ...] | None = None
-    """Names of experts, agent for the one that comes with planarm, or paths of runs; at most 4. If left out, the first
-    three experts of the environment."""
+    """Names of experts, agent for the one that comes with planarm, paths of runs, agents or .zips, or module:name for
+    your own; at most 4. If left out, the first three experts of the environment."""
     seed: int = 0
     """Seed of the episodes' start."""
-    scenario: Literal["random", "paper"] = "random"
-    """Draw the start, or take the paper's."""
+    scenario: str | None = None
+    """Which start, short for --options scenario=...; paper is the paper's."""
+    options: tuple[str, ...] = ()
+    """key=value for each option of the reset, such as belt_speed=0.2."""
+    settings: tuple[str, ...] = ()
+    """key=value for each setting of the environment to change from its default."""
     plot: Path | None = None
     """Draw the picture to this file: .png, .svg or .pdf."""
     dpi: int = 150
     """Resolution of the picture, which is 10 inches wide, dots per inch."""
+    allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
 
 def run(options: PathsOptions) -> int:
     """Run the episodes; the exit code."""
-    picture_of(options.env)  # raises for an environment without one
-    names = list(envs.task_card(options.env).experts)[:3] if options.policies is None else options.policies
+    env_id = import_env(options.env)
+    picture_of(env_id)  # raises for an environment without one
+    names = list(envs.task_card(env_id).experts)[:3] if options.policies is None else options.policies
     if not 1 <= len(names) <= 4:
         raise ValueError(f"{len(names)} policies: give 1 to 4")
-    if options.seed < 0:
-        raise ValueError(f"seed {options.seed} must not be negative")
+    check_seed(options.seed)
+    reset_options = given_options(options.options, options.scenario)
+    settings = assigned({}, options.settings)
+    check_names(env_id, settings, reset_options)
     check_picture(options.plot, options.dpi)
-    policies = [find_policy(name, options.env) for name in names]
-    scenario = {} if options.scenario == "random" else {"scenario": options.scenario}
-    records = [record_episode(options.env, named, options.seed, scenario) for named in policies]
-    start = f"{options.env}, " + ("the paper's start" if options.scenario == "paper" else f"seed {options.seed}")
+    policies = name_policies(names, env_id, allow_code=options.allow_code)
+    records = [record_episode(env_id, named, options.seed, reset_options, settings) for named in policies]
+    start = f"{env_id}, " + (
+        "the paper's start" if reset_options.get("scenario") == "paper" else f"seed {options.seed}"
+    )
     outcome_table(start, records).show()
     if options.plot is not None:
         write_picture(draw_paths(records, start), options.plot, options.dpi)

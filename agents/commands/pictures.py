@@ -6,7 +6,7 @@ from pathlib import Path
 
 from agents.console import note
 from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
-from agents.files import write_bytes
+from agents.files import check_output, write_bytes
 from envs.settings import refuse_unknown
 
 
@@ -17,6 +17,7 @@ def check_picture(plot: Path | None, dpi: int) -> None:
     if plot is not None:
         refuse_unknown([plot.suffix.lower()], FORMATS, f"file format of {plot}:")
         new_sheet(1.0, 1.0)
+        check_output(plot)
 
 
 def write_picture(sheet: Figure, plot: Path, dpi: int) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import gymnasium as gym
 import tyro
 
 import envs
+from agents.commands.reset_options import given_options
 from agents.console import note
+from agents.environments import check_names, check_seed, import_env, make_one
 from agents.figures.episode_record import play
 from agents.figures.film import Film, require_recordable
 from agents.policies.lookup import find_policy
@@ -32,18 +35,21 @@ class RolloutOptions:
         $ planarm rollout ConveyorTrack-v0 --policy dpct --render
         $ planarm rollout ConveyorTrack-v0 --policy follower --seed 7 --control-mode jerk
         $ planarm rollout ConveyorTrack-v0 --policy agent --scenario paper --record paper.gif
-        $ planarm rollout ConveyorTrack-v0 --policy dpct+adaptive --settings payload=0.3
+        $ planarm rollout ConveyorTrack-v0 --policy dpct+adaptive --settings payload=0.3 --options belt_speed=0.2
+        $ planarm rollout ExcavatorPayload-v0 --policy my_module:make_policy --scenario cycle
     """
 
     env: tyro.conf.Positional[str]
-    """Id of the environment, such as ConveyorTrack-v0."""
+    """Id of the environment, such as ConveyorTrack-v0; module:id for your own."""
     policy: str | None = None
     """Name of an expert, by default the first on the task's card; agent for the one that comes with planarm; the path
-    of a run, an agent or a .zip."""
+    of a run, an agent or a .zip; or module:name for your own planner, policy, or function that makes one."""
     seed: int = 0
     """Seed of the episode's start."""
-    scenario: Literal["random", "paper"] = "random"
-    """Draw the start, or take the paper's."""
+    scenario: str | None = None
+    """Which start, short for --options scenario=...; paper is the paper's."""
+    options: tuple[str, ...] = ()
+    """key=value for each option of the reset, such as belt_speed=0.2."""
     control_mode: str | None = None
     """What an action of an expert means, such as torque; by default what it means in the environment."""
     settings: tuple[str, ...] = ()
@@ -57,24 +63,30 @@ class RolloutOptions:
     width: int = 640
     """Width of the recorded picture, pixels."""
     allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Load a Stable-Baselines3 .zip although any code that is in it is run."""
+    """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
 
 def run(options: RolloutOptions) -> int:
     """Run the episode; the exit code."""
-    envs.task_card(options.env)  # raises for an unknown id
-    if options.seed < 0:
-        raise ValueError(f"seed {options.seed} must not be negative")
+    env_id = import_env(options.env)
+    envs.task_card(env_id)  # raises for an unknown id
+    check_seed(options.seed)
     if options.render and options.record is not None:
         raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
     if options.record is not None:
         require_recordable(options.record, fps=options.fps, width=options.width)
-    policy = options.policy or expert_names(options.env)[0]
-    named = find_policy(policy, options.env, allow_code=options.allow_code)
+    if options.render:
+        require_display()
+    policy = options.policy or expert_names(env_id)[0]
+    named = find_policy(policy, env_id, allow_code=options.allow_code)
     mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
-    settings = named.settings({**assigned({}, options.settings), **mode})
+    settings = named.own_settings({**assigned({}, options.settings), **mode})
+    reset_options = given_options(options.options, options.scenario)
+    check_names(env_id, settings, reset_options)
+    if assumption := named.assumption(env_id, settings):
+        note(f"{assumption}, such as --control-mode jerk", "yellow")
     render_mode = "human" if options.render else "rgb_array" if options.record is not None else None
-    with closing(gym.make(options.env, render_mode=render_mode, **settings)) as env:
+    with closing(make_one(env_id, settings, render_mode)) as env:
         film = None if options.record is None else Film(min(options.fps, env.metadata["render_fps"]), options.width)
         rate = float(env.metadata["render_fps"])
 
@@ -82,13 +94,18 @@ def run(options: RolloutOptions) -> int:
             if film is not None:
                 film.take(steps / rate, env.render, last=ended)
 
-        reset_options = {} if options.scenario == "random" else {"scenario": options.scenario}
         info = play(env, named.policy, options.seed, reset_options, take)
-    Table(f"{options.env}, {policy}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
     if film is not None and options.record is not None:
         film.write(options.record)
         note(f"wrote {options.record}")
+    Table(f"{env_id}, {named.name}, seed {options.seed}", ("info", "value"), list(info_rows(info))).show()
     return 0
+
+
+def require_display() -> None:
+    """Raise a ValueError where a window cannot be shown."""
+    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))):
+        raise ValueError("--render needs a display, and neither DISPLAY nor WAYLAND_DISPLAY names one: use --record")
 
 
 def info_rows(info: Info, indent: str = "") -> Iterator[tuple[str, str]]:

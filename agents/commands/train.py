@@ -16,8 +16,8 @@ from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_config
 
 if TYPE_CHECKING:
+    from agents.training.learning_curves import Row
     from agents.training.run import TrainingRun
-    from agents.training.scores import Row
 
 
 @dataclass(frozen=True)

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 import envs
+from agents.environments import check_names, make_batch
 from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask
-from agents.evaluation.compare import Pair, as_documents, compare_all
-from agents.evaluation.evaluate import Evaluation, Progress, as_policy, evaluate
-from agents.evaluation.leaderboard import TaskResult, as_document
-from agents.policies.lookup import NamedPolicy, find_policy
-from agents.provenance import machine, versions
+from agents.evaluation.evaluate import Progress, evaluate
+from agents.evaluation.leaderboard import TaskResult
+from agents.evaluation.results import Evaluation
+from agents.evaluation.scoreboard import Scoreboard, add_settings
+from agents.policies.lookup import AnyPolicy, NamedPolicy, name_policies
+from agents.policies.policy import Actor
 from envs.card import Bound
 from planners import Infeasible
 from planners.typing import Array
@@ -27,16 +28,26 @@ WARM_UP = 2  # episodes that are run before any that counts
 
 @dataclass
 class Benchmark:
-    """A benchmark: `results` holds what is finished, also after an interruption.
+    """A benchmark: `board` holds what is finished, also after an interruption.
 
-    ``compared`` names the policies that are compared with all others in pairs; if None, those that are no experts.
+    Attributes:
+        config: what to run.
+        compared: names of the policies that are compared with all others in pairs; if None, those that are no experts
+            and those that are the user's own.
+        allow_code: whether models of Stable-Baselines3 may be loaded.
+        given: policies that are no names or paths, by the names that ``config`` has for them.
+        board: the results.
     """
 
     config: BenchmarkConfig
     compared: tuple[str, ...] | None = None
-    allow_code: bool = False  # whether models of Stable-Baselines3 may be loaded
-    results: list[TaskResult] = field(default_factory=list)
-    complete: bool = False
+    allow_code: bool = False
+    given: Mapping[str, AnyPolicy] = field(default_factory=dict)
+    board: Scoreboard = field(default_factory=Scoreboard)
+    _named: dict[tuple[str, ...], list[NamedPolicy]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.board.config = self.config.model_dump(mode="json")
 
     @property
     def total_episodes(self) -> int:
@@ -49,18 +60,27 @@ class Benchmark:
     def policies(self, task: BenchmarkTask) -> list[NamedPolicy]:
         """The policies of a task; raises as `find_policy`."""
         names = task.policies or self.config.policies
-        return [find_policy(name, task.env, allow_code=self.allow_code) for name in names]
+        key = (task.env, *names)
+        if key not in self._named:
+            policies = [self.given.get(name, name) for name in names]
+            found = name_policies(policies, task.env, allow_code=self.allow_code)
+            self._named[key] = [
+                each if isinstance(policy, str) and policy == name else replace(each, name=name)
+                for name, policy, each in zip(names, policies, found, strict=True)
+            ]
+        return self._named[key]
 
     def check(self) -> None:
         """Make every environment and policy once, so that errors come before the first episode."""
         for task in self.config.tasks:
             envs.task_card(task.env)
+            check_names(task.env, task.env_config, task.options)
             for named in self.policies(task):
-                with closing(gym.make_vec(task.env, num_envs=1, **named.settings(task.env_config))) as env:
+                with closing(make_batch(task.env, 1, named.settings(task.env_config))) as env:
                     observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
-                    policy = as_policy(named.policy, env)
+                    actor = Actor(named.policy, env, named.name)
                     if not named.is_expert:
-                        policy.predict(observation, deterministic=True)
+                        actor.act(observation, None, np.ones(1, dtype=bool))
 
     def warm_up(self, progress: Progress) -> None:
         """Run a little of everything, so that no timing includes compilation.
@@ -75,32 +95,18 @@ class Benchmark:
         """Run everything; ``begin`` is called with a description of each evaluation and bound."""
         for task in self.config.tasks:
             seeds, bound = self._seeds(task), envs.task_card(task.env).bound
-            result = TaskResult(task, seeds)
-            self.results.append(result)
-            for named in self.policies(task):
-                begin(f"{task.title}: {named.name}")
-                result.evaluations.append(self._evaluate(task, named, seeds, progress))
-                if named.action_config:
-                    result.action_configs[named.name] = named.action_config
+            named = self.policies(task)
+            compared = [each.name for each in named if each.own or not each.is_expert]
+            result = TaskResult(task, seeds, compared=tuple(compared) if self.compared is None else self.compared)
+            self.board.results.append(result)
+            for each in named:
+                begin(f"{task.title}: {each.name}")
+                result.evaluations.append(self._evaluate(task, each, seeds, progress))
+                add_settings(result, each)
             if bound is not None and self._bounded(task):
                 begin(f"{task.title}: bound")
                 result.bounds = self._best_known(task, bound, seeds[: self._bounded(task)].tolist(), progress)
-        self.complete = True
-
-    def document(self) -> dict[str, Any]:
-        """Everything, for JSON."""
-        return {
-            "complete": self.complete,
-            "versions": versions(),
-            "machine": machine(),
-            "config": self.config.model_dump(mode="json"),
-            "results": [{**as_document(result), "pairs": as_documents(self.pairs(result))} for result in self.results],
-        }
-
-    def pairs(self, result: TaskResult) -> list[Pair]:
-        """The comparisons of a task, of what is finished."""
-        learnt = [named.name for named in self.policies(result.task) if not named.is_expert]
-        return compare_all(result.evaluations, learnt if self.compared is None else self.compared)
+        self.board.complete = True
 
     def _evaluate(
         self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Progress
@@ -118,7 +124,7 @@ class Benchmark:
 
     def _best_known(self, task: BenchmarkTask, bound: Bound, seeds: list[int], progress: Progress) -> Array:
         """The best known value of the bounded metric for each seed's start, ``(episodes,)``; inf if none is known."""
-        with closing(gym.make_vec(task.env, num_envs=len(seeds), **task.env_config)) as env:
+        with closing(make_batch(task.env, len(seeds), task.env_config)) as env:
             batch: Any = env.unwrapped
             batch.reset(seed=seeds, options=dict(task.options))
             values = np.full(len(seeds), np.inf)

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from envs.settings import Settings
+import envs
+from agents.environments import SEED_MOST, import_env
+from agents.yaml_config import load_config
+from envs.experts import ADAPTIVE, expert_names, is_expert
+from envs.settings import Settings, refuse_unknown
+
+SHIPPED_CONFIG = "benchmark"  # name of the configuration of the leaderboard
 
 
 class Published(Settings):
@@ -27,7 +34,7 @@ class BenchmarkTask(Settings):
     """One task of a benchmark.
 
     Attributes:
-        env: id of the environment.
+        env: id of the environment, ``module:id`` for a task of your own.
         name: title in the leaderboard; the id when left out.
         env_config: settings of the environment.
         options: of each reset.
@@ -46,6 +53,12 @@ class BenchmarkTask(Settings):
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
 
+    @field_validator("env")
+    @classmethod
+    def _imported(cls, env: str) -> str:
+        """The id; a module in front of it is imported."""
+        return import_env(env)
+
     @property
     def title(self) -> str:
         """Its title in the leaderboard."""
@@ -60,13 +73,58 @@ class BenchmarkConfig(Settings):
         bound_episodes: number of episodes whose bound is computed.
         seed: of the first episode; each further episode has the next.
         num_envs: episodes that run at once.
-        policies: names of experts, ``agent`` for the agent shipped for the environment, paths of runs and agents.
+        policies: names of experts, ``agent`` for the agent shipped for the environment, paths of runs and agents,
+            ``module:name`` for your own.
         tasks: on which they act.
     """
 
     episodes: int = Field(ge=1)
     bound_episodes: int = Field(ge=0)
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, le=SEED_MOST)
     num_envs: int = Field(256, ge=1)
     policies: tuple[str, ...] = Field(min_length=1)
     tasks: tuple[BenchmarkTask, ...] = Field(min_length=1)
+
+
+def configure(config: str, changes: Mapping[str, Any], tasks: Sequence[str] | None = None) -> BenchmarkConfig:
+    """A benchmark from a configuration.
+
+    Args:
+        config: name of a shipped one, or path of a YAML file.
+        changes: settings to change; ``env_config`` and ``options`` are added to those of every task. ``policies`` are
+            those of every task, without experts that other tasks alone have.
+        tasks: titles of tasks of the configuration, or ids of other environments, to run these alone.
+
+    Raises:
+        ValueError: for an unknown configuration, task or setting.
+    """
+    loaded = load_config(config, BenchmarkConfig)
+    changes = dict(changes)
+    chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
+    for name in ("env_config", "options"):
+        more = changes.pop(name, {})
+        chosen = [task.model_copy(update={name: {**getattr(task, name), **more}}) for task in chosen]
+    policies = changes.get("policies")
+    if policies is not None:
+        own = [(task, _without_other_experts(policies, task.env)) for task in chosen]
+        acting = [task.model_copy(update={"policies": names}) for task, names in own if names]
+        chosen = acting or [task.model_copy(update={"policies": None}) for task in chosen]
+    return BenchmarkConfig.parse({**dict(loaded), **changes, "tasks": tuple(chosen)}, "benchmark setting")
+
+
+def _chosen(config: BenchmarkConfig, names: Sequence[str]) -> list[BenchmarkTask]:
+    """Tasks of a configuration by their titles, and tasks that it does not have by their ids."""
+    titles = {task.title: task for task in config.tasks}
+    chosen = []
+    for name in map(import_env, names):
+        refuse_unknown([name], {*titles, *envs.env_ids()}, "task")
+        chosen.append(
+            titles.get(name) or BenchmarkTask.parse({"env": name, "policies": tuple(expert_names(name))}, "task")
+        )
+    return chosen
+
+
+def _without_other_experts(policies: Sequence[str], env_id: str) -> tuple[str, ...]:
+    """The policies that are not experts of other tasks only."""
+    here = expert_names(env_id)
+    return tuple(name for name in policies if name.removesuffix(ADAPTIVE) in here or not is_expert(name))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation import statistics
-from agents.evaluation.evaluate import Evaluation
+from agents.evaluation.results import Evaluation
 from agents.evaluation.statistics import Estimate
 from agents.evaluation.summarise import card_of
 from agents.tables import Table, interval_text, number_text
@@ -34,7 +34,7 @@ class Pair:
     improvement: Estimate
 
 
-def compare(policy: Evaluation, against: Evaluation) -> Pair:
+def paired(policy: Evaluation, against: Evaluation) -> Pair:
     """A policy minus another; a ValueError if they were not evaluated on the same episodes."""
     if policy.env_id != against.env_id or not np.array_equal(policy.seeds, against.seeds):
         raise ValueError(f"{policy.policy} and {against.policy} were evaluated on different episodes")
@@ -55,11 +55,11 @@ def compare(policy: Evaluation, against: Evaluation) -> Pair:
 
 
 def compare_all(evaluations: Sequence[Evaluation], compared: Iterable[str]) -> list[Pair]:
-    """Each of some policies of a task against each of the others."""
+    """Each of some policies of a task against each of the others, and against those of them that come later."""
     names = set(compared)
     ours = [evaluation for evaluation in evaluations if evaluation.policy in names]
     others = [evaluation for evaluation in evaluations if evaluation.policy not in names]
-    return [compare(one, other) for one in ours for other in others]
+    return [paired(one, other) for place, one in enumerate(ours) for other in [*others, *ours[place + 1 :]]]
 
 
 def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:

@@ -4,127 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
+from warnings import warn
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-import envs
+from agents.environments import VectorEnv, check_names, check_seed, import_env, make_batch
+from agents.evaluation.results import Evaluation, Timing
+from agents.policies.lookup import AnyPolicy, name_policy
+from agents.policies.policy import Actor, CountsPlans, EstimatesPayload, Policy, is_maker
 from planners.typing import Array
 
 Info = Mapping[str, Any]
-VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
-PolicyMaker = Callable[[Any], "Policy"]  # makes a policy for an environment, single or vector
 Progress = Callable[[int], object]  # called with the number of episodes that have just ended
 
 
-@runtime_checkable
-class Policy(Protocol):
-    """A policy as in Stable-Baselines3: batched observations in, batched actions out.
-
-    One that is a `CountsPlans` or an `EstimatesPayload` too has more of it recorded.
-    """
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Any, Any]:
-        """Actions ``(num_envs, n)`` for observations ``(num_envs, size)``, and the state for the next call."""
-
-
-@runtime_checkable
-class CountsPlans(Protocol):
-    """A policy that counts its plans, so that planning is timed apart from its other work.
-
-    Attributes:
-        plans_made: so far.
-        planning_seconds: time they took.
-        infeasible: how many of them had no solution.
-    """
-
-    plans_made: int
-    planning_seconds: float
-    infeasible: int
-
-
-@runtime_checkable
-class EstimatesPayload(Protocol):
-    """A policy that estimates the payload."""
-
-    @property
-    def mass_estimate(self) -> Array | None:
-        """After the last call, ``(num_envs,)``, kg; None without an estimate."""
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Where the time went, all environments together."""
-
-    env_steps: int = 0  # control steps, summed over environments
-    plans: int = 0  # plans made; 0 for policies that do not plan
-    planning_seconds: float = 0.0  # spent on them
-    policy_seconds: float = 0.0  # spent in the policy without planning
-    env_seconds: float = 0.0  # spent in the environment's steps
-    infeasible: int = 0  # plans for which there was no solution
-
-    @property
-    def planning_ms(self) -> float:
-        """Milliseconds a plan; NaN for policies that do not plan."""
-        return 1e3 * self.planning_seconds / self.plans if self.plans else np.nan
-
-    @property
-    def policy_us(self) -> float:
-        """Microseconds of the policy, without planning, per step of an environment."""
-        return 1e6 * self.policy_seconds / self.env_steps
-
-    @property
-    def env_us(self) -> float:
-        """Microseconds of the environment per step of an environment."""
-        return 1e6 * self.env_seconds / self.env_steps
-
-    def __add__(self, other: Timing) -> Timing:
-        return Timing(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Results of a policy, episode by episode.
-
-    Attributes:
-        policy: its name.
-        env_id: where.
-        seeds: one an episode, ``(episodes,)``.
-        returns: sum of rewards, ``(episodes,)``.
-        lengths: control steps, ``(episodes,)``.
-        metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; numbers in a nested
-            dict have both keys, as in ``limit_ratios/velocity``. Also ``mass_estimate`` of a policy that
-            `EstimatesPayload`, kg.
-        timing: where the time went.
-    """
-
-    policy: str
-    env_id: str
-    seeds: NDArray[np.int64]
-    returns: Array
-    lengths: NDArray[np.int64]
-    metrics: dict[str, NDArray[Any]]
-    timing: Timing
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """Whether each episode ended in success."""
-        return self.metrics["is_success"].astype(bool)
-
-
 def evaluate(
-    policy: Policy | PolicyMaker | str,
+    policy: AnyPolicy,
     env_id: str,
     seeds: Sequence[int] | NDArray[np.int64],
     *,
@@ -133,38 +32,55 @@ def evaluate(
     num_envs: int = 256,
     progress: Progress | None = None,
     name: str | None = None,
+    allow_code: bool = False,
 ) -> Evaluation:
     """Run exactly one episode for each seed, with deterministic actions.
 
     The start of an episode depends on its seed alone, not on the policy, the other seeds or the number of
     environments, so policies that are evaluated on the same seeds can be compared in pairs.
 
+    A policy acts in its own control mode: what it carries (`agents.policies.lookup.NamedPolicy`) is applied, and a
+    contradiction is refused. If neither a model of Stable-Baselines3 nor ``env_config`` says what its actions mean,
+    there is a warning.
+
     Args:
-        policy: the name of an expert, anything with Stable-Baselines3's ``predict``, or a function that makes one for
-            the environment.
-        env_id: an environment whose vector form resets in the step that ends an episode (SAME_STEP), as planarm's do.
+        policy: a name or a path as on the command line (``"dpct"``, ``"agent"``, ``"runs/mine"``, ``"model.zip"``,
+            ``"my_module:make_policy"``), anything with Stable-Baselines3's ``predict``, or a function or class that
+            makes one, with the environment or without arguments.
+        env_id: an environment whose vector form resets in the step that ends an episode (SAME_STEP), as planarm's do;
+            ``"my_module:MyTask-v0"`` imports the module first.
         seeds: one an episode.
-        env_config: settings of the environment.
+        env_config: settings of the environment; if left out, those that the policy carries.
         options: of each ``reset``.
         num_envs: largest number of episodes that run at once.
         progress: called with the number of episodes that have just ended.
-        name: of the policy; if left out, that of the expert or of its class.
+        name: of the policy; if left out, that by which it was found, or of its class.
+        allow_code: whether to load a model of Stable-Baselines3 from a .zip, which can run any code in it.
 
     Raises:
-        ValueError: for an unknown expert, no seeds, or settings and options the environment refuses.
+        ValueError: for an unknown policy, one that was trained for something else or gives actions of a wrong shape, no
+            seeds, or settings and options the environment refuses.
     """
     numbers = _checked_seeds(seeds)
     if num_envs < 1:
         raise ValueError(f"num_envs {num_envs} must be at least 1")
-    name = name or (policy if isinstance(policy, str) else type(policy).__name__)
+    env_id = import_env(env_id)
+    named = name_policy(policy, env_id, name=name, allow_code=allow_code)
+    settings = named.own_settings({}) if env_config is None else named.settings(env_config)
+    check_names(env_id, settings, options or {})
+    if env_config is None and (assumption := named.assumption(env_id, settings)):
+        warn(f"{assumption}, such as env_config={{'control_mode': 'jerk'}}", stacklevel=2)
+    name, acting = named.name, named.policy
     parts: list[Evaluation] = []
     for first in range(0, len(numbers), num_envs):
         batch = numbers[first : first + num_envs]
-        with closing(gym.make_vec(env_id, num_envs=len(batch), **(env_config or {}))) as env:
+        with closing(make_batch(env_id, len(batch), settings)) as env:
             if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
                 raise ValueError(f"{env_id} does not reset in the step that ends an episode (SAME_STEP)")
-            policy = acting = as_policy(policy, env)
-            results = _run_batch(acting, env, batch, dict(options or {}), progress or (lambda ended: None))
+            actor = Actor(acting, env, name)
+            if not is_maker(acting):
+                acting = actor.policy  # an expert goes on with the next episodes
+            results = _run_batch(actor, env, batch, dict(options or {}), progress or (lambda ended: None))
             parts.append(Evaluation(name, env_id, batch, *results))
     return Evaluation(
         policy=name,
@@ -178,7 +94,7 @@ def evaluate(
 
 
 def _run_batch(
-    policy: Policy, env: VectorEnv, seeds: NDArray[np.int64], options: dict[str, Any], progress: Progress
+    actor: Actor, env: VectorEnv, seeds: NDArray[np.int64], options: dict[str, Any], progress: Progress
 ) -> tuple[Array, NDArray[np.int64], dict[str, NDArray[Any]], Timing]:
     """Returns, lengths, metrics and timing of one episode in every environment; finished ones step on, ignored."""
     n = env.num_envs
@@ -186,13 +102,14 @@ def _run_batch(
     metrics: dict[str, NDArray[Any]] = {}
     policy_seconds = env_seconds = 0.0
     steps = 0
+    policy = actor.policy
     planned_before = _planned(policy)
     estimator = policy if isinstance(policy, EstimatesPayload) else None
     observation, _ = env.reset(seed=seeds.tolist(), options=options)
     state, begins, running = None, np.ones(n, dtype=bool), np.ones(n, dtype=bool)
     while running.any():
         before = perf_counter()
-        actions, state = policy.predict(observation, state=state, episode_start=begins, deterministic=True)
+        actions, state = actor.act(observation, state, begins)
         between = perf_counter()
         estimate = None if estimator is None else estimator.mass_estimate
         observation, rewards, terminated, truncated, infos = env.step(actions)
@@ -243,29 +160,10 @@ def _planned(policy: Policy) -> tuple[int, float, int]:
     return 0, 0.0, 0
 
 
-def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
-    """A policy for an environment: an expert by its name, what a function makes, any other as it is.
-
-    Raises:
-        ValueError: for an unknown expert, or an object without ``predict``.
-    """
-    if isinstance(policy, str):
-        expert: Policy = envs.make_expert(policy, env)
-        return expert
-    if not isinstance(policy, Policy) and callable(policy):
-        policy = policy(env)
-    if not isinstance(policy, Policy):
-        raise ValueError(
-            f"policy {policy!r} has no predict(observation, state, episode_start, deterministic); "
-            "give the name of an expert, or an object with Stable-Baselines3's predict"
-        )
-    return policy
-
-
 def _checked_seeds(seeds: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    numbers = np.array([int(seed) for seed in seeds], dtype=np.int64)
-    if not numbers.size:
+    numbers = [int(seed) for seed in seeds]
+    if not numbers:
         raise ValueError("no seeds: give at least one, for example range(100)")
-    if numbers.min() < 0:
-        raise ValueError(f"seed {numbers.min()} must not be negative")
-    return numbers
+    for seed in (min(numbers), max(numbers)):
+        check_seed(seed)
+    return np.array(numbers, dtype=np.int64)

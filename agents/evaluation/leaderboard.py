@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation import statistics
 from agents.evaluation.benchmark_config import BenchmarkTask
-from agents.evaluation.evaluate import Evaluation, Timing
+from agents.evaluation.results import Evaluation, Timing
 from agents.evaluation.statistics import Estimate
 from agents.evaluation.summarise import LIMIT_TOLERANCE, card_of, metric_text, summarise
 from agents.tables import Table, interval_text, number_text, percent_text, share_text
@@ -24,7 +24,9 @@ class TaskResult:
     """What is finished of one task.
 
     ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
-    ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's.
+    ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's;
+    ``assumptions`` say what is taken for granted about a policy; ``compared`` names the policies whose episodes are
+    compared with those of all others.
     """
 
     task: BenchmarkTask
@@ -32,6 +34,8 @@ class TaskResult:
     evaluations: list[Evaluation] = field(default_factory=list)
     bounds: Array | None = None
     action_configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    assumptions: list[str] = field(default_factory=list)
+    compared: tuple[str, ...] = ()
 
     @property
     def card(self) -> TaskCard:
@@ -108,6 +112,8 @@ def _caption(result: TaskResult) -> Iterator[str]:
     for policy, settings in result.action_configs.items():
         meaning = ", ".join(f"{name} {value}" for name, value in settings.items())
         yield f"Actions of {policy}: {meaning}."
+    for assumption in result.assumptions:
+        yield f"{assumption}."
     if result.task.published is not None:
         yield f"Paper: {result.task.published.source}. {result.task.published.note}".strip()
 

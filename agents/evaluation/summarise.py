@@ -6,7 +6,7 @@ import numpy as np
 
 import envs
 from agents.evaluation import statistics
-from agents.evaluation.evaluate import Evaluation
+from agents.evaluation.results import Evaluation
 from agents.evaluation.statistics import Estimate
 from agents.tables import number_text, share_text
 from envs.card import Metric, TaskCard

@@ -10,8 +10,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.evaluate import Policy, PolicyMaker, as_policy
+from agents.environments import make_one
 from agents.policies.lookup import NamedPolicy
+from agents.policies.policy import Actor, Policy, PolicyMaker
 from envs.card import Picture, task_card
 from envs.task import Task
 from planners import Arm
@@ -66,10 +67,12 @@ def picture_of(env_id: str) -> Picture:
     return picture
 
 
-def record_episode(env_id: str, named: NamedPolicy, seed: int, options: Info) -> EpisodeRecord:
+def record_episode(
+    env_id: str, named: NamedPolicy, seed: int, options: Info, settings: Info | None = None
+) -> EpisodeRecord:
     """Run one episode of a policy and record what a picture of it needs; raises as `picture_of`."""
     picture = picture_of(env_id)
-    with closing(gym.make(env_id, **named.settings({}))) as env:
+    with closing(make_one(env_id, named.settings(settings or {}))) as env:
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
         samples: list[tuple[Array, Array, Array, float]] = []
 
@@ -113,12 +116,12 @@ def play(
 
     ``observe`` is called after the reset and after every step with the steps so far and whether the episode has ended.
     """
-    acting = as_policy(policy, env)
+    actor = Actor(policy, env, policy if isinstance(policy, str) else type(policy).__name__)
     observation, info = env.reset(seed=seed, options=reset_options)
     state, begins, steps, total, ended = None, np.ones(1, dtype=bool), 0, 0.0, False
     observe(steps, ended)
     while not ended:
-        actions, state = acting.predict(observation[None], state=state, episode_start=begins, deterministic=True)
+        actions, state = actor.act(observation[None], state, begins)
         observation, reward, terminated, truncated, info = env.step(actions[0])
         begins, steps, total = np.zeros(1, dtype=bool), steps + 1, total + float(reward)
         ended = terminated or truncated

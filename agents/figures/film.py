@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from agents.files import whole_file
+from agents.files import check_output, whole_file
 from envs.settings import refuse_unknown
 
 Frame = NDArray[np.uint8]
@@ -30,6 +31,7 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
     for module, extra in (("PIL", "viz"), _NEEDS[path.suffix.lower()]):
         if importlib.util.find_spec(module) is None:
             raise DependencyNotInstalled(f'recording {path.suffix} needs {module}; run: pip install "planarm[{extra}]"')
+    check_output(path)
 
 
 class Film:
@@ -78,8 +80,12 @@ class Film:
     def _write_mp4(self, path: Path) -> None:
         import imageio_ffmpeg
 
-        writer = imageio_ffmpeg.write_frames(str(path), self._frames[0].size, fps=self._fps, macro_block_size=2)
-        writer.send(None)
-        for frame in self._frames:
-            writer.send(frame.tobytes())
-        writer.close()
+        width, height = self._frames[0].size
+        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(self._fps), "-i", "-"]
+        wanted = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", str(path)]
+        program = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *given, *wanted]
+        frames = b"".join(frame.tobytes() for frame in self._frames)
+        result = subprocess.run(program, input=frames, capture_output=True, check=False)
+        if result.returncode != 0:
+            complaint = result.stderr.decode(errors="replace").split("\n")
+            raise OSError(f"ffmpeg could not write the film ({result.returncode}): {' '.join(complaint)[:300]}")

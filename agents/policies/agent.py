@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
+from envs.task import Task
+from planners import Arm
 
 Actions = NDArray[np.float32]
 Tensors = Mapping[str, NDArray[Any]]
@@ -24,6 +30,9 @@ ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
 """Activation functions between the layers."""
 ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that define what an action means and do not change the task."""
+FORMAT, SQUASHED_FORMAT = 1, 2
+"""Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3)."""
+_LOG_STD_RANGE = np.float32(-20.0), np.float32(2.0)  # of SAC's noise, as Stable-Baselines3 limits it
 
 
 @dataclass(frozen=True)
@@ -31,8 +40,10 @@ class Agent:
     """A trained policy: the mean and the standard deviation of a Gaussian over actions.
 
     The inputs of the network are an observation x and, for the elements ``fine.index``, tanh(gain * x). Its tensors are
-    ``fine.index``, ``fine.gain``, ``log_std``, and ``weight`` (outputs, inputs) and ``bias`` of each layer, as in
-    ``layer0.weight``.
+    ``fine.index``, ``fine.gain``, and ``weight`` (outputs, inputs) and ``bias`` of each layer, as in ``layer0.weight``.
+    Actions of `FORMAT` are clipped to [-1, 1], and ``log_std`` is the logarithm of their standard deviation. Those of
+    `SQUASHED_FORMAT` are the tanh of what is drawn; ``log_std.weight`` and ``log_std.bias`` give the logarithm of the
+    standard deviation before it from the last hidden layer, and without them nothing is drawn.
 
     Attributes:
         document: its JSON: environment, layout, architecture, training, scores.
@@ -46,7 +57,7 @@ class Agent:
 
     def __post_init__(self) -> None:
         refuse_unknown([self.document["activation"]], ACTIVATIONS, "activation of an agent")
-        _check_tensors(self.tensors, len(self.document["hidden"]) + 1)
+        _check_tensors(self.tensors, len(self.document["hidden"]) + 1, squashed=self.squashed)
 
     @property
     def env_id(self) -> str:
@@ -62,6 +73,11 @@ class Agent:
     def action_config(self) -> dict[str, Any]:
         """The settings that define what its actions mean; it acts with no others."""
         return {name: value for name, value in self.env_config.items() if name in ACTION_SETTINGS}
+
+    @property
+    def squashed(self) -> bool:
+        """Whether its actions are the tanh of the network's output, instead of clipped."""
+        return bool(self.document.get("format") == SQUASHED_FORMAT)
 
     @property
     def observation_size(self) -> int:
@@ -94,14 +110,53 @@ class Agent:
             raise ValueError(
                 f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
             )
-        actions = self._mean(batch)
-        if not deterministic:
-            actions += np.exp(self.tensors["log_std"]) * self.generator.standard_normal(actions.shape, dtype=np.float32)
-        clipped: Actions = np.clip(actions, np.float32(-1.0), np.float32(1.0))
-        return (clipped[0] if np.ndim(observation) == 1 else clipped), None
+        actions, features = self._mean(batch)
+        log_std = None if deterministic else self._log_std(features)
+        if log_std is not None:
+            actions += np.exp(log_std) * self.generator.standard_normal(actions.shape, dtype=np.float32)
+        bounded: Actions = np.tanh(actions) if self.squashed else np.clip(actions, np.float32(-1.0), np.float32(1.0))
+        return (bounded[0] if np.ndim(observation) == 1 else bounded), None
 
-    def _mean(self, batch: Observation) -> Actions:
-        """Unclipped mean actions ``(num_envs, n)``."""
+    def _log_std(self, features: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Logarithm of the standard deviation of the actions, from the last hidden layer; None for no noise."""
+        if not self.squashed:
+            log_std: NDArray[np.float32] = self.tensors["log_std"]
+            return log_std
+        if "log_std.weight" not in self.tensors:
+            return None
+        return np.clip(features @ self.tensors["log_std.weight"].T + self.tensors["log_std.bias"], *_LOG_STD_RANGE)
+
+    def check_env(self, env: Any) -> None:
+        """Raise a ValueError for an environment, single or vector, other than those that it was trained for.
+
+        That is one of another task, or with another arm or other actions.
+        """
+        task = getattr(env.unwrapped, "task", None)
+        if not isinstance(task, Task):
+            return  # one that only looks like the task's; the size of its observations is checked in use
+        refuse_transformed(env, "an agent")
+        if task.env_id != self.env_id:
+            raise ValueError(f"this agent was trained on {self.env_id}, not on {task.env_id}")
+        for name in ACTION_SETTINGS:
+            given, own = (getattr(config, name) for config in (task.config, self._task.config))
+            if given != own:
+                raise ValueError(f"this agent was trained with {name} {own!r}; the environment has {given!r}")
+        if replace(task.arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
+            raise ValueError(
+                f"this agent was trained for another arm: {_in_words(self._task.arm)}; the environment has "
+                f"{_in_words(task.arm)}. Train one for this arm, with arm=... among the settings of planarm train, or "
+                "give the environment the agent's arm"
+            )
+
+    @cached_property
+    def _task(self) -> Task:
+        """The task that it was trained on."""
+        with closing(gym.make(self.env_id, **self.env_config)) as env:
+            task: Task = env.unwrapped.task  # type: ignore[attr-defined]
+            return task
+
+    def _mean(self, batch: Observation) -> tuple[Actions, NDArray[np.float32]]:
+        """Mean actions before they are bounded, ``(num_envs, n)``, and the last hidden layer's values."""
         tensors, activation = self.tensors, ACTIVATIONS[self.document["activation"]]
         fine = np.tanh(batch[:, tensors["fine.index"]] * tensors["fine.gain"])
         values = np.concatenate([batch, fine], axis=1)
@@ -109,17 +164,27 @@ class Agent:
         for layer in range(last):
             values = activation(values @ tensors[f"layer{layer}.weight"].T + tensors[f"layer{layer}.bias"])
         means: Actions = values @ tensors[f"layer{last}.weight"].T + tensors[f"layer{last}.bias"]
-        return means
+        return means, values
 
 
-def _check_tensors(tensors: Tensors, layers: int) -> None:
+def _in_words(arm: Arm) -> str:
+    """An arm in few words."""
+    lengths, masses = (", ".join(f"{value:g}" for value in values) for values in (arm.lengths, arm.masses))
+    return f"{arm.name} (links of {lengths} m and {masses} kg)"
+
+
+def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
     """Raise a ValueError unless the layers fit together."""
     names = [f"layer{layer}.{part}" for layer in range(layers) for part in ("weight", "bias")]
-    missing = [name for name in ("fine.index", "fine.gain", "log_std", *names) if name not in tensors]
+    noise: tuple[str, ...] = ("log_std.weight", "log_std.bias") if squashed else ("log_std",)
+    if squashed and not any(name in tensors for name in noise):
+        noise = ()  # of TD3
+    missing = [name for name in ("fine.index", "fine.gain", *noise, *names) if name not in tensors]
     if missing:
         raise ValueError(f"an agent lacks the tensors {', '.join(missing)}")
+    outputs = tensors[noise[-1]].size if noise else tensors[f"layer{layers - 1}.bias"].size
     for layer in range(layers):
         weight, bias = tensors[f"layer{layer}.weight"], tensors[f"layer{layer}.bias"]
-        following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else tensors["log_std"].size
+        following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else outputs
         if weight.shape[0] != bias.size or weight.shape[0] != following:
             raise ValueError(f"layer {layer} of an agent has {weight.shape[0]} outputs; the next takes {following}")

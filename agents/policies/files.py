@@ -17,11 +17,10 @@ from safetensors.numpy import load, save
 
 import envs
 from agents.files import write_bytes, write_json
-from agents.policies.agent import Agent
+from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
 
-FORMAT = 1  # version of the files; this version of planarm reads no other
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
 
@@ -53,8 +52,10 @@ def load_agent(source: str | Path) -> Agent:
     missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
     if missing:
         raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
-    if document["format"] != FORMAT:
-        raise ValueError(f"{path} has format {document['format']}; this version of planarm reads {FORMAT}")
+    if document["format"] not in (FORMAT, SQUASHED_FORMAT):
+        raise ValueError(
+            f"{path} has format {document['format']}; this version of planarm reads {FORMAT} and {SQUASHED_FORMAT}"
+        )
     if document["sha256"] != hashlib.sha256(content).hexdigest():
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
     _check_layout(path, document)
@@ -96,7 +97,13 @@ def _find(source: str | Path) -> Path:
         if path.is_dir():
             return path / "best.safetensors"
         if path.suffix == ".safetensors":
+            if not path.exists():
+                raise ValueError(f"no file {path}")
             return path
+        if path.exists():
+            raise ValueError(f"{path} is no agent: the file of one ends in .safetensors")
+        if len(path.parts) > 1:
+            raise ValueError(f"no folder {path}")
     refuse_unknown([str(source)], shipped, "agent (the path of one ends in .safetensors)")
     return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
 

@@ -1,34 +1,47 @@
-"""Policies by name or path: experts, trained agents, and models of Stable-Baselines3."""
+"""Policies by name, path or ``module:name``: experts, trained agents, models of Stable-Baselines3, and your own."""
 
 from __future__ import annotations
 
-import json
-import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
+import operator
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.evaluate import Policy, PolicyMaker
-from agents.policies.agent import Agent
+from agents.environments import import_before, is_in_module, task_type
+from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.policies.files import load_agent, shipped_agents
-from envs.experts import expert_names, is_expert
+from agents.policies.policy import Policy, PolicyMaker
+from agents.policies.sb3 import load_model
+from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
 from envs.settings import refuse_unknown
 
 SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
-
-_SB3_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
-"""The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""
+AnyPolicy = Policy | PolicyMaker | str
+"""A policy, a function or class that makes one for an environment, or a name or path as `find_policy` takes it."""
 
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """A policy as `agents.evaluate` takes it, its name, and the settings that define what its actions mean."""
+    """A policy with its name and the settings that it carries.
+
+    Attributes:
+        name: in tables.
+        policy: a policy, what makes one, or the name of an expert.
+        action_config: settings that define what its actions mean; it acts with no others.
+        env_config: settings of the environment that it was trained in or made for.
+        own: whether it is the user's own and not one that comes with planarm.
+        unknown_actions: whether what its actions mean is not known, so that the settings have to say it.
+    """
 
     name: str
     policy: Policy | PolicyMaker | str
     action_config: Mapping[str, Any] = field(default_factory=dict)
+    env_config: Mapping[str, Any] = field(default_factory=dict)
+    own: bool = False
+    unknown_actions: bool = False
 
     @property
     def is_expert(self) -> bool:
@@ -45,6 +58,68 @@ class NamedPolicy:
                 )
         return {**env_config, **self.action_config}
 
+    def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:
+        """A sentence about what its actions are taken to mean, if neither it nor the settings say so."""
+        task = task_type(env_id)
+        if not self.unknown_actions or task is None or set(ACTION_SETTINGS) & set(settings):
+            return None
+        mode = task.config_type.model_fields["control_mode"].default
+        return (
+            f"{self.name} does not say in which control mode it was trained; its actions are taken for control_mode "
+            f"{mode}, the default of {env_id}: give another one as a setting"
+        )
+
+    def own_settings(self, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """All settings that the policy carries, with changes to those that are not about its actions."""
+        return self.settings({**self.env_config, **changes})
+
+
+def name_policy(policy: AnyPolicy, env_id: str, *, name: str | None = None, allow_code: bool = False) -> NamedPolicy:
+    """Any policy with its name and the settings that it carries; raises as `find_policy`.
+
+    A policy of your own carries settings in an attribute ``env_config``.
+    """
+    if isinstance(policy, str):
+        found = find_policy(policy, env_id, allow_code=allow_code)
+    elif isinstance(policy, Agent):
+        found = _of_agent(type(policy).__name__, policy, env_id)
+    elif isinstance(policy, Expert):
+        config = policy.task.config
+        made_for = {**config.model_dump(include=config.model_fields_set), "control_mode": config.control_mode}
+        found = NamedPolicy(type(policy).__name__, policy, _of_actions(made_for), made_for)
+    else:
+        title = policy.__name__ if hasattr(policy, "__name__") else type(policy).__name__
+        found = _of_own(title, policy, env_id)
+    return replace(found, name=name or found.name)
+
+
+def name_policies(
+    policies: Sequence[AnyPolicy] | Mapping[str, AnyPolicy], env_id: str, *, allow_code: bool = False
+) -> list[NamedPolicy]:
+    """Several policies, each with a name of its own; raises as `find_policy`, and if there is none.
+
+    Args:
+        policies: policies, or policies by name.
+        env_id: of the environment that they act in.
+        allow_code: whether to load models of Stable-Baselines3.
+    """
+    if not policies or isinstance(policies, str):
+        raise ValueError(f"policies {policies!r}: give a list with at least one")
+    given: list[tuple[str | None, AnyPolicy]] = (
+        list(policies.items()) if isinstance(policies, Mapping) else [(None, policy) for policy in policies]
+    )
+    named: dict[str, NamedPolicy] = {}
+    for name, policy in given:
+        found = name_policy(policy, env_id, name=name, allow_code=allow_code)
+        own = found.name
+        if own in named and isinstance(policy, str):
+            own = policy
+        number = 2
+        while own in named:
+            own, number = f"{found.name} {number}", number + 1
+        named[own] = replace(found, name=own)
+    return list(named.values())
+
 
 def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedPolicy:
     """A policy by name or by path.
@@ -52,7 +127,9 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     Args:
         source: the name of an expert, with ``+adaptive`` behind it for online payload estimation; ``agent`` for the
             agent shipped for the environment; the path of a training run's folder, of an agent (.safetensors), or of a
-            model of Stable-Baselines3 (.zip).
+            model of Stable-Baselines3 (.zip); or ``module:name``, which imports the module and finds an expert or a
+            planner that it registers under this name, or else what it calls so: a policy, or a function or a class
+            that makes one, with the environment or without arguments.
         env_id: of the environment that it acts in.
         allow_code: whether to load a model of Stable-Baselines3, which can run any code in its file.
 
@@ -62,43 +139,63 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     """
     if is_expert(source):
         return NamedPolicy(source, source)
+    path = Path(source)
     if source.endswith(".zip"):
-        return NamedPolicy(Path(source).stem, _load_sb3(Path(source), allow_code=allow_code))
+        model = load_model(path, allow_code=allow_code)
+        return NamedPolicy(path.stem, model, own=True, unknown_actions=True)
     if source == SHIPPED:
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
         return _of_agent(SHIPPED, load_agent(env_id), env_id)
-    if not (source.endswith(".safetensors") or Path(source).is_dir()):
-        refuse_unknown(
-            [source], [*expert_names(env_id), SHIPPED], "policy (or the path of a run, a .safetensors or a .zip)"
-        )
-    return _of_agent(Path(source).resolve().stem, load_agent(source), env_id)
+    if is_in_module(source) and not path.exists():
+        return _of_module(source, env_id)
+    if not (source.endswith(".safetensors") or path.is_dir() or os.sep in source or "/" in source):
+        others = "policy (or module:name, or the path of a run, a .safetensors or a .zip)"
+        refuse_unknown([source], [*expert_names(env_id), SHIPPED], others)
+    return _of_agent(path.resolve().stem, load_agent(source), env_id)
 
 
 def _of_agent(name: str, agent: Agent, env_id: str) -> NamedPolicy:
     if agent.env_id != env_id:
         raise ValueError(f"{name} was trained on {agent.env_id}, not on {env_id}")
-    return NamedPolicy(name, agent, agent.action_config)
+    return NamedPolicy(name, agent, agent.action_config, agent.env_config, own=name != SHIPPED)
 
 
-def _load_sb3(path: Path, *, allow_code: bool) -> Policy:
-    """A model of Stable-Baselines3; its algorithm is inferred from its settings, which do not name it."""
-    if not allow_code:
+def _of_module(source: str, env_id: str) -> NamedPolicy:
+    """A policy of the user's own module, after its import: a registered expert, or an attribute."""
+    name = import_before(source)
+    if is_expert(name):
+        return NamedPolicy(name, name, own=True)
+    module = sys.modules[source.partition(":")[0]]
+    try:
+        value = operator.attrgetter(name)(module)
+    except AttributeError:
+        known = [each for each in vars(module) if not each.startswith("_")]
+        refuse_unknown([name.removesuffix(ADAPTIVE)], known, f"name in {module.__name__}")
+        raise
+    if not callable(value) and not isinstance(value, Policy):
         raise ValueError(
-            f"{path} is not loaded: the zip of a Stable-Baselines3 model can run any code when it is opened. If you "
-            "trust its source, pass --allow-code"
+            f"{source} is {value!r}: give an object with predict, or a function or class that makes one for the "
+            "environment"
         )
-    try:
-        with zipfile.ZipFile(path) as archive:
-            settings = json.loads(archive.read("data"))
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no model of Stable-Baselines3: {error}") from None
-    algorithm = next((name for mark, name in _SB3_MARKS.items() if mark in settings), None)
-    if algorithm is None:
-        raise ValueError(f"{path} is of no algorithm known here ({', '.join(_SB3_MARKS.values())})")
-    try:
-        library = import_module("stable_baselines3")
-        import_module("torch").set_num_threads(1)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f'a Stable-Baselines3 model needs pip install "planarm[rl]" ({error})') from None
-    policy: Policy = getattr(library, algorithm).load(path, device="cpu")
-    return policy
+    return _of_own(name, value, env_id)
+
+
+def _of_own(name: str, policy: Any, env_id: str) -> NamedPolicy:
+    carried = getattr(policy, "env_config", None)
+    model = callable(getattr(policy, "get_env", None))
+    settings = dict(carried) if isinstance(carried, Mapping) else _training_settings(policy, env_id) if model else {}
+    return NamedPolicy(name, policy, _of_actions(settings), settings, own=True)
+
+
+def _training_settings(model: Any, env_id: str) -> dict[str, Any]:
+    """Settings of the environment of a model of Stable-Baselines3 in memory; none if it has no environment."""
+    env, task = model.get_env(), task_type(env_id)
+    spec = None if env is None else getattr(env, "get_attr", lambda name: [None])("spec")[0]
+    if spec is None or spec.id != env_id or task is None:
+        return {}
+    return {name: value for name, value in spec.kwargs.items() if name in task.config_type.model_fields}
+
+
+def _of_actions(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that define what actions mean."""
+    return {name: value for name, value in settings.items() if name in ACTION_SETTINGS}

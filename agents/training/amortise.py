@@ -46,7 +46,8 @@ class MoveCost:
         self._ways = _tensor(np.stack(quintic(s)))
         self._coupling, self._weight = _tensor(coupling), _tensor(weight)
         self._torques = _tensor((1.0 - _TORQUE_ROOM) * np.array(limits.torque))
-        self._ranges = _tensor((1.0 - _RANGE_ROOM) * np.array(limits.angle))
+        self._middles = _tensor(limits.angle_middle)
+        self._ranges = _tensor((1.0 - _RANGE_ROOM) * limits.angle_half)
 
     def __call__(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Effort over that of the quintic, plus a penalty for exceeding the limits, ``(moves,)``.
@@ -64,7 +65,7 @@ class MoveCost:
         torque = self._torque(q, qd / duration, qdd / duration**2)
         effort = (torque.abs() * self._weights).sum((1, 2)) / entries["quintic_torque"][:, 0]
         excess = torch.relu(torque.abs() / self._torques - 1.0).amax((1, 2))
-        outside = torch.relu(q.abs() / self._ranges - 1.0).amax((1, 2))
+        outside = torch.relu((q - self._middles).abs() / self._ranges - 1.0).amax((1, 2))
         linear, square = _TORQUE_PENALTIES
         return effort + linear * excess + square * excess**2 + _RANGE_PENALTY * outside
 

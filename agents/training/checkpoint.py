@@ -12,12 +12,12 @@ import torch
 import yaml
 
 from agents.files import whole_file, write_json, write_text
-from agents.policies.agent import Agent
-from agents.policies.files import FORMAT, describe_layout, layout_of, save_agent
+from agents.policies.agent import FORMAT, Agent
+from agents.policies.files import describe_layout, layout_of, save_agent
 from agents.provenance import machine, versions
+from agents.training.learning_curves import Row, merit
 from agents.training.ppo import SegmentedPPO, agent_tensors
 from agents.training.recipe import TrainingConfig
-from agents.training.scores import Row, merit
 
 RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
 

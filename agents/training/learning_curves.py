@@ -16,6 +16,7 @@ from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
+Row = dict[str, Any]  # a row of metrics.csv, by column
 Groups = dict[str, list["Curve"]]  # curves by the label of their group
 
 
@@ -38,6 +39,11 @@ class Curve:
         """Index of the best checkpoint: most success, then the highest return."""
         success, returns = self.columns["success"], self.columns["return"]
         return max(range(len(success)), key=lambda row: (success[row], returns[row]))
+
+
+def merit(row: Row) -> tuple[float, float]:
+    """What agents are ranked by: success rate first, then the return."""
+    return row["success"], row["return"]
 
 
 def read_curve(folder: Path) -> Curve:

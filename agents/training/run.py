@@ -23,9 +23,10 @@ from agents.policies.files import layout_of, save_agent
 from agents.training.amortise import amortise
 from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint, write_origin
 from agents.training.dagger import dagger
+from agents.training.learning_curves import Row
 from agents.training.ppo import SegmentedPPO, fine_elements
 from agents.training.recipe import TrainingConfig
-from agents.training.scores import Row, baseline_columns, score, score_baselines
+from agents.training.scores import baseline_columns, score, score_baselines
 from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
 from agents.training.whole_episodes import WholeEpisodes

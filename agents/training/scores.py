@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import ACTION_SETTINGS, Agent
+from agents.training.learning_curves import Row, merit
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 from envs.experts import expert_names
-
-Row = dict[str, Any]  # a row of metrics.csv, by column
 
 
 def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
@@ -38,8 +36,3 @@ def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> R
 def baseline_columns(row: Row) -> Row:
     """The columns of a row that are about the baseline."""
     return {name: value for name, value in row.items() if name.startswith("expert")}
-
-
-def merit(row: Row) -> tuple[float, float]:
-    """What agents are ranked by: success rate first, then the return."""
-    return row["success"], row["return"]

@@ -86,8 +86,8 @@ class ConveyorTrack(Task):
     reward_terms = ("progress", "settling", "limits")
     outcomes: ClassVar = {
         "settling_time": "time from which on both errors stay within tolerance, s; inf if they do not",
-        "steady_state_error": "largest position error over the last `hold_time`, m",
-        "lq_cost": "J of eq 18, lengths in units of the paper's 0.5 m path",
+        "steady_state_error": "largest position error over the last `hold_time`, m; NaN for an episode cut short",
+        "lq_cost": "J of eq 18, lengths in units of the paper's 0.5 m path; NaN for an episode cut short",
         "peak_torque": "largest torque of either joint, N m",
     }
     gauges = ("velocity", "acceleration", "jerk")
@@ -122,11 +122,11 @@ class ConveyorTrack(Task):
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Settling time, steady-state error, J of eq 18 and peak torque."""
-        settled = int(record["settled_steps"])
+        settled, whole = int(record["settled_steps"]), bool(record["step"] >= self.horizon_steps)
         return {
             "settling_time": self._seconds_held(record, settled) if settled else math.inf,
-            "steady_state_error": float(record["steady_state_error"]),
-            "lq_cost": float(record["lq_cost"]),
+            "steady_state_error": float(record["steady_state_error"]) if whole else math.nan,
+            "lq_cost": float(record["lq_cost"]) if whole else math.nan,
             "peak_torque": float(record["peak_torque"]),
         }
 

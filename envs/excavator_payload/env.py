@@ -131,7 +131,8 @@ class ExcavatorPayload(Task):
     reward_terms = ("tracking", "smoothness", "failure")
     outcomes: ClassVar = {
         "success_easy": "whether the errors were within twice the tolerances",
-        "tip_rms": "root mean square of the tip error when judged, m; inf after a failure, like the next three",
+        "tip_rms": "root mean square of the tip error when judged, m; inf after a failure and NaN if nothing was "
+        "judged, like the next three",
         "tip_max": "largest tip error when judged, m",
         "joint_rms": "root mean square of the joints' errors when judged, rad",
         "waypoint_error": "largest distance of the tip from a waypoint when it was due, when judged, m",
@@ -190,17 +191,17 @@ class ExcavatorPayload(Task):
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Errors, torques, and the hidden payload and friction."""
-        steps = int(record["judged_steps"])
-        judged = bool(record["truncated"]) and steps > 0
-        tip_rms = math.sqrt(record["tip_squares"] / steps) if judged else math.inf
-        tip_max = float(record["tip_max"]) if judged else math.inf
+        steps, failed = int(record["judged_steps"]), bool(record["terminated"])
+        judged, unknown = steps > 0 and not failed, math.inf if failed else math.nan
+        tip_rms = math.sqrt(record["tip_squares"] / steps) if judged else unknown
+        tip_max = float(record["tip_max"]) if judged else unknown
         easy = tip_rms <= 2.0 * self.config.rms_tolerance and tip_max <= 2.0 * self.config.peak_tolerance
         return {
             "success_easy": easy,
             "tip_rms": tip_rms,
             "tip_max": tip_max,
-            "joint_rms": math.sqrt(record["joint_squares"] / (steps * self.arm.n_joints)) if judged else math.inf,
-            "waypoint_error": float(record["waypoint_error"]) if judged else math.inf,
+            "joint_rms": math.sqrt(record["joint_squares"] / (steps * self.arm.n_joints)) if judged else unknown,
+            "waypoint_error": float(record["waypoint_error"]) if judged else unknown,
             "payload_mass": float(record["payload"]),
             "friction_scale": float(record["friction_scale"]),
             "torque_l1": float(record["torque_l1"]),

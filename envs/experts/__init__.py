@@ -61,13 +61,35 @@ def make_expert(
         adaptive: estimate the payload on the hand, and adapt to it; see `Expert.adapt`.
 
     Raises:
-        ValueError: if the task has no such expert, the environment is no task of planarm's kind, or the observations
-            do not show an adaptive expert the effect of its torques.
+        ValueError: if the task has no such expert, the environment is no task of planarm's kind, a wrapper transforms
+            its observations or actions, or the observations do not show an adaptive expert the effect of its torques.
     """
     task = getattr(env.unwrapped, "task", None)
     if not isinstance(task, Task):
         raise ValueError(f"{env} is not one of planarm's environments; experts need one, such as ConveyorTrack-v0")
+    refuse_transformed(env, f"expert {name}")
     experts, plain = _experts(task.env_id), name.removesuffix(ADAPTIVE)
     refuse_unknown([plain], experts, f"{task.env_id} expert")
     expert = experts[plain](task)
     return expert.adapt() if adaptive or plain != name else expert
+
+
+def refuse_transformed(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any], who: str) -> None:
+    """Raise a ValueError if a wrapper transforms the observations or actions of one of planarm's environments.
+
+    ``who`` reads the observations as the task gives them, and is named in the message.
+    """
+    task: Any = getattr(env.unwrapped, "task", None)
+    layer: Any = env
+    while isinstance(layer, (gym.Wrapper, gym.vector.VectorWrapper)):
+        if isinstance(layer, (gym.ObservationWrapper, gym.vector.VectorObservationWrapper)):
+            raise ValueError(
+                f"{who} reads the observations as {task.env_id} gives them, and {type(layer).__name__} transforms "
+                "them: make it for the environment inside, and give it that one's observations"
+            )
+        layer = layer.env
+    actions = env.single_action_space if isinstance(env, gym.vector.VectorEnv) else env.action_space
+    if isinstance(task, Task) and actions != task.action_space():
+        raise ValueError(
+            f"{who} gives actions in {task.action_space()}, and a wrapper makes them {actions}: leave the wrapper out"
+        )

@@ -89,9 +89,9 @@ class MinTorqueMove(Task):
     layout = LAYOUT
     reward_terms = ("effort", "goal", "limits")
     outcomes: ClassVar = {
-        "torque_l1": "PI1, the integral of the summed absolute torques, N m s",
-        "torque_l2": "PI2, the integral of the summed squared torques, N^2 m^2 s",
-        "quintic_ratio": "PI1 over that of the quintic",
+        "torque_l1": "PI1, the integral of the summed absolute torques, N m s; NaN for a move cut short",
+        "torque_l2": "PI2, the integral of the summed squared torques, N^2 m^2 s; NaN for a move cut short",
+        "quintic_ratio": "PI1 over that of the quintic; NaN for a move cut short",
         "angle_error": "largest error of a joint angle, rad",
         "velocity_error": "largest joint velocity, rad/s",
         "peak_torque": "largest torque of any joint, N m",
@@ -131,8 +131,11 @@ class MinTorqueMove(Task):
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Torque spent, its ratio to the quintic's, and errors at the end."""
-        ratio = float(record["torque_l1"] / record["quintic_l1"])
-        return {name: ratio if name == "quintic_ratio" else float(record[name]) for name in self.outcomes}
+        spent = {"torque_l1": record["torque_l1"], "torque_l2": record["torque_l2"]}
+        spent["quintic_ratio"] = record["torque_l1"] / record["quintic_l1"]
+        if not record["terminated"]:  # cut short: nothing to compare with a whole move
+            spent = dict.fromkeys(spent, math.nan)
+        return {name: float(spent[name] if name in spent else record[name]) for name in self.outcomes}
 
     def motion_problem(self, observation: Observation) -> MotionProblem:
         """Come to rest at the goal when the time is over, from the observed joint state."""
@@ -169,9 +172,8 @@ class MinTorqueMove(Task):
     def _require_possible(self, move: Move) -> None:
         whole_periods(self.config, "duration", move.duration)
         for name, angles in (("start", move.start), ("goal", move.goal)):
-            if not (np.abs(angles) <= np.array(self.arm.limits.angle)).all():
-                ranges = ", ".join(f"{limit:.4g}" for limit in self.arm.limits.angle)
-                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, +-({ranges}) rad")
+            if not self.arm.limits.within(angles):
+                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, {self.arm.limits.angle_text}")
         problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)
         if quintic.plan(problem).limit_ratio > 1.0:
             try:

@@ -58,14 +58,14 @@ def random_move(
     Raises:
         ValueError: if the arm has a joint without torque limit, or no drawn move fits.
     """
-    torque, ranges = np.array(arm.limits.torque), np.array(arm.limits.angle)
+    torque = arm.limits.array("torque")
     if not np.isfinite(torque).all():
         raise ValueError(f"{arm.name} has torque limits {arm.limits.torque}; all must be finite")
-    free = ~np.isfinite(ranges)
-    bound = np.where(free, np.pi, ranges)
+    free = np.isinf(arm.limits.angle_half)
+    lower, upper = np.where(free, -np.pi, arm.limits.angle_lower), np.where(free, np.pi, arm.limits.angle_upper)
     for _ in range(_TRIES):
-        start = generator.uniform(-bound, bound)
-        goal = np.where(free, start, 0.0) + generator.uniform(-bound, bound)
+        start = generator.uniform(lower, upper)
+        goal = np.where(free, start, 0.0) + generator.uniform(lower, upper)
         share = generator.uniform(LEAST_SHARE, MOST_SHARE)
         inertial, static = _quintic_torque(arm, start, goal)
         room = share * torque - np.sign(inertial) * static

@@ -84,7 +84,6 @@ class DodgeStarts:
 
     def __init__(self, arm: Arm, limits: JointLimits, samples: int, discs: int) -> None:
         self._arm, self._limits, self._samples, self._discs = arm, limits, samples, discs
-        self._ranges = np.array(arm.limits.angle)
 
     def draw(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> Episode:
         """Draw an episode, or take what the options give of it.
@@ -122,27 +121,29 @@ class DodgeStarts:
                 return start, self._posture_at(options.goal, start)
             end = self._draw_posture(generator)
             end[1] = math.copysign(end[1], start[1])
-            if np.hypot(*(self._arm.forward_kinematics(end) - self._arm.forward_kinematics(start))) >= LEAST_DISTANCE:
+            apart = np.hypot(*(self._arm.forward_kinematics(end) - self._arm.forward_kinematics(start)))
+            if apart >= LEAST_DISTANCE and self._arm.limits.within(end):
                 return start, end
 
     def _draw_posture(self, generator: np.random.Generator) -> Array:
         while True:
-            q = generator.uniform(-self._ranges, self._ranges)
+            q = generator.uniform(self._arm.limits.angle_lower, self._arm.limits.angle_upper)
             if abs(q[1]) >= LEAST_ELBOW:
                 return q
 
     def _posture_at(self, goal: Pair, start: Array) -> Array:
         """The posture with the hand at a goal: on the start's side of the elbow, if the ranges allow it."""
+        limits = self._arm.limits
         branches = self._arm.inverse_kinematics(np.array(goal) + self._arm.base_array)
-        allowed = [q for q in branches if (np.abs(q) <= self._ranges).all()]
+        branches += 2.0 * np.pi * np.round((limits.angle_middle - branches) / (2.0 * np.pi))
+        allowed = [q for q in branches if limits.within(q)]
         if not allowed:
             raise ValueError(f"goal {goal} m: every posture with the hand there leaves a joint's range")
         return min(allowed, key=lambda q: float(q[1] * start[1] < 0.0))
 
     def _require_in_range(self, start: Pair) -> None:
-        if not (np.abs(start) <= self._ranges).all():
-            ranges = ", ".join(f"{limit:.4g}" for limit in self._ranges)
-            raise ValueError(f"start {list(start)} rad leaves the joint ranges, +-({ranges}) rad")
+        if not self._arm.limits.within(start):
+            raise ValueError(f"start {list(start)} rad leaves the joint ranges, {self._arm.limits.angle_text}")
 
     def _require_clear(self, start: Array, discs: NDArray[np.float64], radius: float) -> None:
         for disc in discs:

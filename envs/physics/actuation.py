@@ -23,11 +23,11 @@ from planners.control.joint_limits import (
 )
 from planners.robot.arm import Arm
 from planners.robot.dynamics import mass_matrix_single
+from planners.robot.limits import LIMIT_KINDS as LIMIT_KINDS
 from planners.typing import Array
 
 ControlMode = Literal["torque", "acceleration", "jerk", "velocity"]
 CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk", "velocity")
-LIMIT_KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 _TORQUE, _ACCELERATION, _JERK = 0, 1, 2  # positions in CONTROL_MODES
 _PROJECTIONS = 60
 
@@ -61,13 +61,14 @@ def actuation_constants(arm: Arm, control_mode: ControlMode) -> dict[str, Any]:
         "control_mode": CONTROL_MODES.index(control_mode),
         "coupling": coupling,
         "weight": weight,
-        "limits": [getattr(arm.limits, kind) for kind in LIMIT_KINDS],
+        "limits": [arm.limits.array(kind) for kind in LIMIT_KINDS],
+        "angle_middle": arm.limits.angle_middle,
     }
 
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
     """Physical value of an action of 1, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
-    return np.array(getattr(arm.limits, control_mode))
+    return arm.limits.array(control_mode)
 
 
 @njit(cache=True, nogil=True)
@@ -154,7 +155,9 @@ def command_velocity(env: Any, model: Any, share: Array) -> None:
     period = model.control_period
     for i in range(n):
         speed, top, hardest = env.qd[i], VELOCITY_SHARE * model.limits[1, i], model.limits[2, i]
-        slowest, fastest = stoppable_velocities(env.q[i], speed, model.limits[4, i], 0.5 * hardest, period)
+        slowest, fastest = stoppable_velocities(
+            env.q[i] - model.angle_middle[i], speed, model.limits[4, i], 0.5 * hardest, period
+        )
         wanted = min(fastest, max(slowest, share[i] * top))
         env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
     state = model.coupling, model.weight, env.q, env.qd, period, model.limits[0]
@@ -165,12 +168,13 @@ def command_velocity(env: Any, model: Any, share: Array) -> None:
 def watch_limits(env: Any, model: Any) -> float:
     """Compare the period's values with the limits; keeps the episode's worst ratios, returns the period's worst.
 
-    Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration.
+    Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration. An angle
+    is compared from the middle of its range.
     """
     worst = 0.0
     for i in range(env.q.shape[0]):
         jerk = (env.qdd[i] - env.qdd_before[i]) / model.control_period
-        values = env.tau[i], env.qd[i], env.qdd[i], jerk, env.q[i]
+        values = env.tau[i], env.qd[i], env.qdd[i], jerk, env.q[i] - model.angle_middle[i]
         for kind in range(len(LIMIT_KINDS)):
             ratio = abs(values[kind]) / model.limits[kind, i]
             worst = max(worst, ratio)

@@ -29,6 +29,10 @@ PYMUNK_ERROR_BIAS = 0.9**60
 """Pymunk's default: share of a joint error that remains after one second."""
 
 
+MOST_STEPS = 1_000_000
+"""Most physics steps of a control period, and control periods of an episode."""
+
+
 def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
     """Fields of an environment's record for the physics: joint state, and addresses of Chipmunk objects."""
     return [
@@ -115,9 +119,14 @@ def whole_multiple(name: str, seconds: float, step_name: str, step: float) -> in
     """How many steps a named time takes.
 
     Raises:
-        ValueError: if that is not a whole number.
+        ValueError: if that is not a whole number, or more than `MOST_STEPS`.
     """
     count = seconds / step if step > 0.0 else 0.0
+    if count > MOST_STEPS:
+        raise ValueError(
+            f"{name} {seconds} s takes more than {MOST_STEPS} steps of {step_name} {step} s; "
+            f"choose a {step_name} of {seconds / MOST_STEPS:.3g} s or more"
+        )
     if round(count) < 1 or abs(count - round(count)) > 1e-6:
         whole = max(1, round(count))
         raise ValueError(

@@ -62,8 +62,8 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
 def stoppable_velocities(q: float, qd: float, end: float, braking: float, period: float) -> tuple[float, float]:
     """Lowest and highest velocity of one joint at the end of a period from which it can still stop within its range.
 
-    ``q, qd`` are angle and velocity at its start. The joint stops `RANGE_MARGIN` before the largest absolute angle,
-    ``end`` rad, by a deceleration of ``braking`` rad/s^2.
+    ``q, qd`` are angle, from the middle of its range, and velocity at its start. The joint stops `RANGE_MARGIN` before
+    either end, ``end`` rad from the middle, by a deceleration of ``braking`` rad/s^2.
     """
     end = end - RANGE_MARGIN
     return -_braked_in_time(end + q, -qd, braking, period), _braked_in_time(end - q, qd, braking, period)

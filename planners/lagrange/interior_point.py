@@ -56,7 +56,7 @@ def solve(
         step, shift = _regularised_step(model, shift, x.shape[0])
         links_step = displace(tr, step.reshape(x.shape))
         tau_step = _torque_step(model, links_step)
-        load_step = bounded(task, links_step, tau_step * task.unit)
+        load_step = bounded(task, links_step, tau_step * task.unit, np.zeros_like(task.middle))
         slacks_step = rooms - slacks
         slacks_step[0] -= load_step
         slacks_step[1] += load_step

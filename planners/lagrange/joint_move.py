@@ -13,6 +13,7 @@ from planners.lagrange.interior_point import solve
 from planners.lagrange.newton import TorqueTask
 from planners.lagrange.transcription import Basis, Ends, fit, motion, transcribe
 from planners.robot.arm import Arm, JointLimits
+from planners.robot.limits import LIMIT_KINDS
 from planners.typing import Array
 
 Objective = Literal["PI1", "PI2"]
@@ -21,7 +22,6 @@ Objective = Literal["PI1", "PI2"]
 Curve = Callable[[Array], Array]
 """Joint angles ``(points, n)``, rad, at ``s`` of ``(points,)`` in [0, 1]."""
 
-KINDS = ("torque", "velocity", "acceleration", "jerk", "angle")
 CLOSE = 0.05
 """Share of the duration within which the motion leaves a limit that the start lies on, or comes to one of the end."""
 
@@ -63,7 +63,7 @@ class JointMove:
     @property
     def limit_table(self) -> Array:
         """Limits of every kind, ``(5, n)``, SI units."""
-        return np.array([getattr(self.limits, kind) for kind in KINDS])
+        return np.array([self.limits.array(kind) for kind in LIMIT_KINDS])
 
     @property
     def end_loads(self) -> Array:
@@ -72,7 +72,8 @@ class JointMove:
         for side, (q, qd, qdd) in enumerate(self.ends):
             tau = self.arm.inverse_dynamics(q, qd, qdd)
             free = 1.0 if self.clamp_acceleration else 0.0
-            loads[side] = np.abs(np.stack([free * tau, qd, free * qdd, 0.0 * q, q])) / self.limit_table
+            values = np.stack([free * tau, qd, free * qdd, 0.0 * q, q - self.limits.angle_middle])
+            loads[side] = np.abs(values) / self.limit_table
         return loads
 
     def quintic(self, s: Array) -> Array:
@@ -91,8 +92,9 @@ class JointMove:
         # values that depend on the ends alone are not limited
         acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
         inverse *= np.column_stack([acts, acts[:, :3].any(axis=1)])[:, _ORDERS[kinds]]
-        coupling, weight = self.arm.chain_constants
-        return TorqueTask(coupling, weight, _ORDERS[kinds], joints, inverse, int(index.objective[2]), index.unit)
+        middle = np.where(kinds == LIMIT_KINDS.index("angle"), self.limits.angle_middle[joints], 0.0)
+        power = int(index.objective[2])
+        return TorqueTask(*self.arm.chain_constants, _ORDERS[kinds], joints, middle, inverse, power, index.unit)
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def minimise(
 
     ``tightening`` ``(5,)`` is the share of each kind of limit to be used, `FIRST_TIGHTENING` by default.
     """
-    share = np.full(len(KINDS), FIRST_TIGHTENING) if tightening is None else tightening
+    share = np.full(len(LIMIT_KINDS), FIRST_TIGHTENING) if tightening is None else tightening
     transcription = transcribe(basis, move.ends, move.duration)
     start = np.ascontiguousarray(fit(basis, transcription, q))
     unknowns, load = solve(transcription, move.task(basis, index, share), start, *effort)

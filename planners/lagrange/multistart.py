@@ -10,7 +10,6 @@ import numpy as np
 
 from planners.lagrange.joint_move import (
     FIRST_TIGHTENING,
-    KINDS,
     Curve,
     Effort,
     Index,
@@ -22,6 +21,7 @@ from planners.lagrange.joint_move import (
 )
 from planners.lagrange.starts import start_curves
 from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
+from planners.robot.limits import LIMIT_KINDS
 from planners.typing import Array
 
 COARSE_DEGREE, COARSE_POINTS = 10, 49
@@ -186,13 +186,13 @@ def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, effort
     """
     given = move.end_loads.max(axis=(0, 2))
     allowed = np.where(given > DENSE_LOAD, np.maximum(1.0, given + OVERSHOOT), DENSE_LOAD)
-    tightening = np.full(len(KINDS), FIRST_TIGHTENING)
+    tightening = np.full(len(LIMIT_KINDS), FIRST_TIGHTENING)
     start, effort = q, efforts[0]
     for _ in range(ATTEMPTS):
         minimum = minimise(move, bases.search, start, index, effort, tightening)
         loads = _loads(minimum, bases.dense)
         if (loads <= allowed).all():
-            return Fit(minimum, bases.samples, dict(zip(KINDS, loads.tolist(), strict=True)))
+            return Fit(minimum, bases.samples, dict(zip(LIMIT_KINDS, loads.tolist(), strict=True)))
         if not minimum.feasible:
             return None
         tightening *= np.where(loads > allowed, (1.0 - BACK_OFF) * allowed / np.maximum(loads, allowed), 1.0)
@@ -203,6 +203,7 @@ def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, effort
 def _loads(minimum: Minimum, basis: Basis) -> Array:
     """Worst |value| / limit of every kind at the instants of a basis of the same functions, ``(5,)``."""
     q, qd, qdd, jerk = minimum.at(basis)
-    values = np.stack([minimum.move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q])
-    loads: Array = np.max(np.abs(values) / minimum.move.limit_table[:, None], axis=(1, 2))
+    move = minimum.move
+    values = np.stack([move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q - move.limits.angle_middle])
+    loads: Array = np.max(np.abs(values) / move.limit_table[:, None], axis=(1, 2))
     return loads

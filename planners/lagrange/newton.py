@@ -19,6 +19,7 @@ class TorqueTask(NamedTuple):
     Attributes:
         coupling, weight: constants of the arm's dynamics.
         orders, joints: order of derivative (-1 for torque) and joint that each limit bounds, ``(limits,)``.
+        middle: value from which each limit is measured, 0 but for angles, ``(limits,)``, rad.
         inverse_limits: 1 / limit at every instant, 0 where it is not applied, ``(points, limits)``.
         power, unit: power of |tau| in the integrand, 1 or 2, and torque that counts as 1, N m.
     """
@@ -27,6 +28,7 @@ class TorqueTask(NamedTuple):
     weight: Array
     orders: NDArray[np.int64]
     joints: NDArray[np.int64]
+    middle: Array
     inverse_limits: Array
     power: int
     unit: float
@@ -75,12 +77,14 @@ def evaluate(tr: Transcription, task: TorqueTask, x: Array) -> Point:
     tau = np.empty((links.shape[0], x.shape[1]))
     for k in range(links.shape[0]):
         torques_single(task.coupling, task.weight, links[k], tau[k])
-    return Point(links, tau / task.unit, bounded(task, links, tau))
+    return Point(links, tau / task.unit, bounded(task, links, tau, task.middle))
 
 
 @njit(cache=True, nogil=True)
-def bounded(task: TorqueTask, links: Array, tau: Array) -> Array:
-    """Every limited value over its limit, from the links' motion and the torques (N m): ``(points, limits)``."""
+def bounded(task: TorqueTask, links: Array, tau: Array, middle: Array) -> Array:
+    """Every limited value, less its ``middle``, over its limit, from the links' motion and the torques (N m):
+    ``(points, limits)``.
+    """
     load = np.empty((links.shape[0], task.orders.shape[0]))
     for c in range(task.orders.shape[0]):
         order, joint = task.orders[c], task.joints[c]
@@ -91,7 +95,7 @@ def bounded(task: TorqueTask, links: Array, tau: Array) -> Array:
                 value = links[k, order, joint]
                 if joint > 0:
                     value -= links[k, order, joint - 1]
-            load[k, c] = value * task.inverse_limits[k, c]
+            load[k, c] = (value - middle[c]) * task.inverse_limits[k, c]
     return load
 
 

@@ -19,12 +19,13 @@ import numpy as np
 from planners.capabilities import Takes, variant
 from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.joint_move import KINDS, Curve, JointMove, Objective, torque_rate
+from planners.lagrange.joint_move import Curve, JointMove, Objective, torque_rate
 from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
@@ -183,7 +184,7 @@ def _require_within_limits(move: JointMove, side: int, reason: str, most: float)
     """Refuse an end of the move that breaks a limit by itself."""
     loads = move.end_loads[side]
     if loads.max() > most:
-        raise limit_broken(reason, ("starts at", "is to end at")[side], loads, KINDS)
+        raise limit_broken(reason, ("starts at", "is to end at")[side], loads, LIMIT_KINDS)
 
 
 def _late(moves: Sequence[JointMove], settings: Settings) -> Infeasible:

@@ -40,5 +40,6 @@ def _curve(move: JointMove, detour: Array, share: Array, s: Array) -> Array:
     """The quintic plus, at half time, ``detour`` (rad) and a ``share`` of itself, within the joint ranges."""
     quintic = move.quintic(s)
     half_way = (16.0 * (s * (1.0 - s)) ** 2)[:, None]
-    reach = np.maximum(INSIDE * np.array(move.limits.angle), np.abs(quintic).max(axis=0))
-    return np.clip(quintic + half_way * (detour + share * quintic), -reach, reach)
+    middle = move.limits.angle_middle
+    reach = np.maximum(INSIDE * move.limits.angle_half, np.abs(quintic - middle).max(axis=0))
+    return middle + np.clip(quintic + half_way * (detour + share * quintic) - middle, -reach, reach)

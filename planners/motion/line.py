@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.motion.path import HandLine, JointLine, Path
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
-from planners.robot.arm import Arm
+from planners.robot.arm import Arm, JointLimits
 from planners.robot.kinematics import UnreachableTarget
 from planners.typing import Array
 
@@ -208,16 +208,16 @@ def _hand_start(problem: MotionProblem, direction: Array, hand: Array) -> Array:
 def _line(problem: MotionProblem, path: Path, target: Array, start: Array, unit: float) -> Line:
     """The line, cut to the joint ranges."""
     low, high = path.span
-    angles = np.array(problem.joint_limits.angle)
-    if np.isfinite(angles).any():
-        low, high = _within_angles(path, angles, max(low, -1.0), min(high, 2.0))
+    limits = problem.joint_limits
+    if np.isfinite(limits.angle_half).any():
+        low, high = _within_angles(path, limits, max(low, -1.0), min(high, 2.0))
     return Line(problem, problem.loaded_arm, path, target, start, unit, low, high)
 
 
-def _within_angles(path: Path, angles: Array, low: float, high: float) -> tuple[float, float]:
+def _within_angles(path: Path, limits: JointLimits, low: float, high: float) -> tuple[float, float]:
     """The part of ``[low, high]`` around 0 in which no joint leaves its range."""
     r = np.sort(np.append(np.linspace(low, high, 801), 0.0))
-    outside = np.flatnonzero((np.abs(path.derivatives(r)[:, 0]) > angles).any(axis=1))
+    outside = np.flatnonzero(~limits.within(path.derivatives(r)[:, 0]))
     start = int(np.searchsorted(r, 0.0))
     before, after = outside[outside <= start], outside[outside >= start]
     if start in outside:

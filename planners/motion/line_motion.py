@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from planners.motion.line import Line
+from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
-KINDS = ("torque", "velocity", "acceleration", "jerk")
+KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "jerk")
 
 RIDE_STEP = 0.005
 """Largest sampling step after the rendezvous, s."""
@@ -50,8 +51,7 @@ class Motion(NamedTuple):
 
 def limit_table(line: Line) -> Array:
     """Limits of torque, velocity, acceleration and jerk, ``(4, n)``."""
-    limits = line.problem.joint_limits
-    return np.array([getattr(limits, kind) for kind in KINDS])
+    return np.array([line.problem.joint_limits.array(kind) for kind in KINDS])
 
 
 def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Array, Array, Array, Array, Array]:

@@ -138,6 +138,12 @@ class JointLimits:
         angles: Array = np.asarray(q, dtype=float)
         return np.asarray(((angles >= self.angle_lower) & (angles <= self.angle_upper)).all(axis=-1))
 
+    @property
+    def angle_text(self) -> str:
+        """The ranges of the angles for messages, as in "+-2.88, -1 to 2.5 rad"."""
+        ranges = [f"+-{a:.4g}" if isinstance(a, float) else f"{a[0]:.4g} to {a[1]:.4g}" for a in self.angle]
+        return f"{', '.join(ranges)} rad"
+
     @cached_property
     def _arrays(self) -> dict[LimitKind, Array]:
         return {kind: self.angle_half if kind == "angle" else _frozen(getattr(self, kind)) for kind in LIMIT_KINDS}

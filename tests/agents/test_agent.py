@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.files import FORMAT, describe_layout, layout_of, shipped_agents
+from agents.policies.agent import FORMAT, SQUASHED_FORMAT
+from agents.policies.files import describe_layout, layout_of, shipped_agents
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
 ENV = "ConveyorTrack-v0"
@@ -90,6 +91,44 @@ def test_drawn_actions_spread_around_the_mean_as_log_std_says() -> None:
     np.testing.assert_allclose(actions.mean(axis=0), 0.0, atol=2e-3)
 
 
+def squashed(noisy: bool = True) -> Agent:
+    """An agent as SAC leaves it, or without noise as TD3 does."""
+    clipped = agent()
+    tensors = {name: tensor for name, tensor in clipped.tensors.items() if name != "log_std"}
+    if noisy:
+        weight = np.zeros((2, 5), np.float32)
+        tensors |= {"log_std.weight": weight, "log_std.bias": np.array([-3.0, -50.0], np.float32)}
+    return Agent({**clipped.document, "format": SQUASHED_FORMAT}, tensors)
+
+
+def test_squashed_actions_are_the_tanh_of_the_networks_output(tmp_path: Path) -> None:
+    one, clipped = squashed(), agent()
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (50, one.observation_size)).astype(np.float32)
+    actions = one.predict(observations, deterministic=True)[0]
+    inside = np.abs(clipped.predict(observations, deterministic=True)[0]) < 1.0
+    expected = np.tanh(clipped.predict(observations, deterministic=True)[0])
+    assert inside.any()
+    np.testing.assert_allclose(actions[inside], expected[inside], atol=1e-6)
+    save_agent(one, tmp_path / "one.safetensors")
+    np.testing.assert_array_equal(
+        load_agent(tmp_path / "one.safetensors").predict(observations, deterministic=True)[0], actions
+    )
+    spread = np.arctanh(one.predict(np.tile(observations[inside.all(axis=1)][:1], (20_000, 1)))[0]).std(axis=0)
+    np.testing.assert_allclose(spread, [np.exp(-3.0), 0.0], rtol=0.03, atol=1e-4)
+
+
+def test_an_agent_without_noise_draws_nothing() -> None:
+    one = squashed(noisy=False)
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (5, one.observation_size)).astype(np.float32)
+    np.testing.assert_array_equal(one.predict(observations)[0], one.predict(observations, deterministic=True)[0])
+
+
+def test_half_of_the_noise_is_refused() -> None:
+    one = squashed()
+    with pytest.raises(ValueError, match=r"lacks the tensors log_std\.bias"):
+        Agent(one.document, {name: tensor for name, tensor in one.tensors.items() if name != "log_std.bias"})
+
+
 def test_what_is_saved_is_loaded(saved: Path) -> None:
     loaded = load_agent(saved)
     for name, tensor in agent().tensors.items():
@@ -149,8 +188,10 @@ def test_what_is_wrong_with_an_agent_is_said(saved: Path, changes: dict[str, Any
 
 
 def test_missing_and_damaged_files(saved: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="cannot read "):
+    with pytest.raises(ValueError, match=r"no file .*none\.safetensors"):
         load_agent(tmp_path / "none.safetensors")
+    with pytest.raises(ValueError, match=r"no folder .*mine"):
+        load_agent(tmp_path / "mine")
     with pytest.raises(ValueError, match="unknown agent"):
         load_agent("ConveyorTrack-v7")
     saved.write_bytes(saved.read_bytes()[:40])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agents.evaluation.compare import as_documents, compare, compare_all, comparison
-from agents.evaluation.evaluate import Evaluation, Timing
+from agents.evaluation.compare import as_documents, compare_all, comparison, paired
+from agents.evaluation.results import Evaluation, Timing
 from agents.evaluation.statistics import Estimate
 
 INF = math.inf
@@ -36,7 +36,7 @@ THEIRS = evaluation("theirs", [1.5, 1.0, 1.0, INF, 1.0, INF, 2.0, 1.5], [0.5, 1.
 
 
 def test_differences_by_hand() -> None:
-    pair = compare(OURS, THEIRS)
+    pair = paired(OURS, THEIRS)
     assert pair.success.value == 0.0  # one success more, one less
     # Differences of the settling time: -0.5, 0, 0.5, 0 (both never), inf, -inf, -1, -0.5.
     assert pair.metric is not None
@@ -46,7 +46,7 @@ def test_differences_by_hand() -> None:
 
 
 def test_the_other_way_round_changes_the_sign() -> None:
-    pair, back = compare(OURS, THEIRS), compare(THEIRS, OURS)
+    pair, back = paired(OURS, THEIRS), paired(THEIRS, OURS)
     assert back.success.value == -pair.success.value
     assert pair.metric is not None
     assert back.metric is not None
@@ -62,7 +62,7 @@ def test_pairing_narrows_the_interval() -> None:
         evaluation(name, [1.0] * 200, (starts + shift + 0.01 * generator.normal(size=200)).tolist())
         for name, shift in (("one", 0.05), ("other", 0.0))
     )
-    returns = compare(one, other).returns
+    returns = paired(one, other).returns
     assert 0.04 < returns.low < 0.05 < returns.high < 0.06
 
 
@@ -71,7 +71,7 @@ def test_the_interval_covers_the_true_difference_about_as_often_as_it_says() -> 
     for seed in range(100):
         successes = np.random.default_rng(seed).random((2, 200)) < [[0.8], [0.7]]
         one, other = (evaluation("x", np.where(won, 1.0, INF).tolist(), [0.0] * 200) for won in successes)
-        interval = compare(one, other).success
+        interval = paired(one, other).success
         covered += interval.low <= 0.1 <= interval.high
     assert 88 <= covered <= 99
 
@@ -79,24 +79,25 @@ def test_the_interval_covers_the_true_difference_about_as_often_as_it_says() -> 
 def test_without_a_number_of_its_own_a_task_is_compared_by_the_return() -> None:
     one = evaluation("one", [1.0, INF], [2.0, 1.0], env_id="Other-v0")
     other = evaluation("other", [INF, 1.0], [1.0, 1.0], env_id="Other-v0")
-    pair = compare(one, other)
+    pair = paired(one, other)
     assert pair.metric is None
     assert pair.improvement.value == 0.75
 
 
 def test_different_episodes_are_refused() -> None:
     with pytest.raises(ValueError, match="one and other were evaluated on different episodes"):
-        compare(evaluation("one", [1.0], [1.0]), evaluation("other", [1.0], [1.0], seed=1))
+        paired(evaluation("one", [1.0], [1.0]), evaluation("other", [1.0], [1.0], seed=1))
 
 
 def test_each_against_each_of_the_others() -> None:
     both = [OURS, THEIRS]
     assert [(pair.policy, pair.against) for pair in compare_all(both, ["ours"])] == [("ours", "theirs")]
-    assert compare_all(both, ["ours", "theirs"]) == compare_all(both, []) == []
+    assert [(pair.policy, pair.against) for pair in compare_all(both, ["ours", "theirs"])] == [("ours", "theirs")]
+    assert compare_all(both, []) == []
 
 
 def test_the_table_and_the_document() -> None:
-    pairs = [compare(OURS, THEIRS)]
+    pairs = [paired(OURS, THEIRS)]
     file = io.StringIO()
     comparison("ConveyorTrack-v0", pairs).show(Console(file=file))
     header, _, row = [line for line in file.getvalue().splitlines() if line.startswith("|")]
@@ -119,7 +120,7 @@ def test_the_table_and_the_document() -> None:
 def test_eighty_columns_show_every_cell() -> None:
     file = io.StringIO()
     console = Console(file=file, width=80, force_terminal=True, color_system=None)
-    comparison("ConveyorTrack-v0", [compare(OURS, THEIRS)]).show(console)
+    comparison("ConveyorTrack-v0", [paired(OURS, THEIRS)]).show(console)
     text = file.getvalue()
     assert "…" not in text
     assert "ours - theirs" in text

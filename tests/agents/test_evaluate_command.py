@@ -52,7 +52,16 @@ def test_an_agent_knows_its_environment_and_is_compared_in_pairs(
         (["dpct", "--env", "ConveyorTrack-v0", "--settings", "paylod=1"], 'did you mean "payload"'),
         (["dpct", "--env", "ConveyorTrack-v0", "--settings", "payload"], "no key=value"),
         (["dpct", "--env", "ConveyorTrack-v0", "--episodes", "0"], "episodes"),
-        (["model.zip", "--env", "ConveyorTrack-v0"], "--allow-code"),
+        (["model.zip", "--env", "ConveyorTrack-v0"], "no file model.zip"),
+        (["runs/mine"], "no folder runs/mine"),
+        (["dpct", "--env", "ConveyorTrack-v0", "--settings", "belt_speed=0.2"], "--options belt_speed"),
+        (["dpct", "--env", "ConveyorTrack-v0", "--options", "payload=0.2"], "--settings payload"),
+        (
+            ["dpct", "--env", "ConveyorTrack-v0", "--settings", "num_envs=10"],
+            'unknown ConveyorTrack-v0 setting "num_envs"',
+        ),
+        (["dpct", "--env", "ConveyorTrack-v0", "--settings", "id=x"], 'unknown ConveyorTrack-v0 setting "id"'),
+        (["dpct", "--env", "ConveyorTrack-v0", "--seed", str(2**64)], "seed"),
         (["agent", "--env", "ConveyorTrack-v0", "--settings", "control_mode=torque"], "leave control_mode out"),
     ],
 )

@@ -12,7 +12,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import agents
 import envs
-from agents.evaluation.evaluate import Evaluation, Policy
+from agents.evaluation.evaluate import Evaluation
+from agents.policies.policy import Policy
 
 ENV_ID = "ConveyorTrack-v0"
 

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from agents.evaluation.benchmark_config import BenchmarkTask, Published
-from agents.evaluation.evaluate import Evaluation, Timing
 from agents.evaluation.leaderboard import TaskResult, as_document, leaderboard
+from agents.evaluation.results import Evaluation, Timing
 
 
 def evaluation(policy: str, success: list[bool], settling_time: list[float], returns: list[float]) -> Evaluation:

@@ -51,8 +51,9 @@ def test_a_task_of_other_actions_is_refused() -> None:
     [
         ("agnt", ENV, 'did you mean "agent"'),
         ("agent", "Elsewhere-v0", "unknown environment with an agent of its own"),
-        ("no_such_run.safetensors", ENV, "cannot read no_such_run"),
-        ("model.zip", ENV, "any code.*--allow-code"),
+        ("no_such_run.safetensors", ENV, "no file no_such_run"),
+        ("model.zip", ENV, "no file model.zip"),
+        ("runs/mine", ENV, "no folder runs/mine"),
     ],
 )
 def test_what_is_wrong_is_said(source: str, env_id: str, complaint: str) -> None:

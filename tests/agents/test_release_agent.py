@@ -16,8 +16,8 @@ from run_folders import CONVEYOR, config, make_run
 
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.statistics import Estimate
-from agents.policies.agent import Agent
-from agents.policies.files import FORMAT, describe_layout, layout_of, load_agent, save_agent
+from agents.policies.agent import FORMAT, Agent
+from agents.policies.files import describe_layout, layout_of, load_agent, save_agent
 from agents.training.learning_curves import read_curve
 from tools.release_agent import TRAINED, Candidate, ReleaseOptions, choose, main, spread
 

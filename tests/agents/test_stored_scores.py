@@ -12,8 +12,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.evaluation.evaluate import Policy, as_policy
 from agents.policies.lookup import find_policy
+from agents.policies.policy import Policy, as_policy
 from tools import stored_scores as scores
 from tools.stored_scores import FILE, ScoresOptions, differences, load, main, score, score_policy, scored_policies
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.evaluation.evaluate import Evaluation, Timing
+from agents.evaluation.results import Evaluation, Timing
 from agents.evaluation.summarise import card_of, metric_text, summarise, training_scores, values_of
 
 METRICS = {

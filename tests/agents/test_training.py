@@ -24,7 +24,7 @@ import torch
 
 from agents import Agent, evaluate, load_agent
 from agents.cli import main
-from agents.policies.files import FORMAT
+from agents.policies.agent import FORMAT
 from agents.training.dagger import collect, dagger, returns_to_go
 from agents.training.ppo import SegmentedPPO, agent_tensors
 from agents.training.recipe import TrainingConfig

@@ -158,14 +158,6 @@ def test_a_larger_action_is_clipped(env_id: str, control_mode: str) -> None:
 
 
 @every_env
-def test_a_wrong_action_shape_is_refused(env_id: str) -> None:
-    env = gym.make(env_id)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="broadcast"):
-        env.unwrapped.step(np.zeros(7, dtype=np.float32))
-
-
-@every_env
 def test_pickled_and_made_again_environments_are_equal(env_id: str) -> None:
     env = gym.make(env_id, horizon=2.5)
     copy = pickle.loads(pickle.dumps(env.unwrapped))

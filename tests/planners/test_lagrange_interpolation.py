@@ -159,7 +159,7 @@ def test_gradient_and_hessian_of_the_index(power: int, basis: Basis) -> None:
     move = JointMove(VERTICAL, VERTICAL.limits, ends, 0.9, False)
     tr = transcribe(basis, move.ends, move.duration)
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros((len(basis.s), 0))
-    task = TorqueTask(*VERTICAL.chain_constants, none, none, nothing, power, 3.0)
+    task = TorqueTask(*VERTICAL.chain_constants, none, none, np.zeros(0), nothing, power, 3.0)
     x, eps = rng.normal(size=(len(basis.fitting), 3)) * 0.3, 0.2
 
     def value(unknowns: Array) -> float:

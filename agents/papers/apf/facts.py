@@ -40,7 +40,7 @@ def facts(problem: MotionProblem) -> Iterator[Fact]:
 
     # Eq 14 and 15 as printed, and with arc tangents of two arguments
     arm, rng = problem.arm, np.random.default_rng(0)
-    hands = arm.forward_kinematics(rng.uniform(-1.0, 1.0, (_POSTURES, 2)) * arm.limits.angle)
+    hands = arm.forward_kinematics(rng.uniform(-1.0, 1.0, (_POSTURES, 2)) * arm.limits.angle_half)
     errors, repaired = (
         np.hypot(*(arm.forward_kinematics(posture(arm.lengths, hands, as_printed=as_printed)) - hands).T)
         for as_printed in (True, False)

@@ -131,5 +131,5 @@ def random_records(problems: Sequence[MotionProblem]) -> Iterator[Record]:
 def _ending(problem: MotionProblem, motion: FieldMotion) -> tuple[str, bool]:
     """The outcome, or ``hand`` if a disc hit the hand; and whether the joint angles stayed within their limits."""
     touched = motion.outcome == "collision" and motion.hand_clearance[-1] < 0.0
-    in_range = bool((np.abs(motion.q) <= problem.joint_limits.angle).all())
+    in_range = bool(problem.joint_limits.within(motion.q).all())
     return "hand" if touched else motion.outcome, in_range

@@ -119,8 +119,8 @@ def printed_sign() -> Fact:
 
 
 def _random_postures() -> Array:
-    limit = np.array(EXCAVATOR.limits.angle)
-    return np.random.default_rng(0).uniform(-limit, limit, (POSTURES, len(EXCAVATOR.links)))
+    lower, upper = EXCAVATOR.limits.angle_lower, EXCAVATOR.limits.angle_upper
+    return np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(EXCAVATOR.links)))
 
 
 def _of(rows: Sequence[Record], entry: NamedController, case: Case) -> list[Record]:

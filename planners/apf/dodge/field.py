@@ -172,5 +172,6 @@ def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
     if state.handicaps[0] == state.handicaps[1] == np.inf:  # out of reach: come to rest
         for i in range(2):
             stop = 0.5 * state.qd[i] * abs(state.qd[i]) / body.cruise[i]
-            state.postures[record.elbow, i] = min(body.ranges[i], max(-body.ranges[i], state.q[i] + stop))
+            way = state.q[i] + stop - body.middle[i]
+            state.postures[record.elbow, i] = body.middle[i] + min(body.ranges[i], max(-body.ranges[i], way))
         state.handicaps[record.elbow] = 0.0

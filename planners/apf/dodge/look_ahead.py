@@ -167,6 +167,7 @@ def _cornered(body: Any, gains: Any, q1: float, side: float, away: float) -> flo
 
     ``side`` is positive where the disc is on the side of smaller angles, ``away`` its distance from the base, m.
     """
-    room = body.ranges[0] - q1 if side > 0.0 else body.ranges[0] + q1
+    from_middle = q1 - body.middle[0]
+    room = body.ranges[0] - from_middle if side > 0.0 else body.ranges[0] + from_middle
     inside = max(0.0, (gains.corner_reach - away) / (gains.corner_reach - gains.nearest))
     return float(gains.corner * inside * max(0.0, 1.0 - room / gains.corner_room))

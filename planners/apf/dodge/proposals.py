@@ -60,9 +60,10 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
         well2 = rest2 + gains.push * gains.push_elbow * (across * push1 + along * push2)
         least = _try_well(scene, record, Proposal(well1, well2, gains.evade, briefly, elbow), least, 0.0)
     # until the end of the look-ahead: retreats, and to rest
+    middle2 = scene.body.middle[1]
     for swing in range(-1, 2):
         for fold in (-FOLDED, FOLDED):
-            well1, well2 = rest1 + swing * gains.retreat, fold * scene.body.ranges[1]
+            well1, well2 = rest1 + swing * gains.retreat, middle2 + fold * scene.body.ranges[1]
             least = _try_well(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least, 0.0)
     _try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0)
 
@@ -73,8 +74,10 @@ def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bo
     # a well without an end costs at least the time from there to the goal
     if wanted.steps == NEVER and to_go(scene.body, scene.state, wanted.q1, wanted.q2, 0.0, 0.0) > least:
         return least
+    middle1, middle2 = scene.body.middle[0], scene.body.middle[1]
     end1, end2 = scene.body.ranges[0] - WELL_MARGIN, scene.body.ranges[1] - WELL_MARGIN
-    well1, well2 = min(end1, max(-end1, wanted.q1)), min(end2, max(-end2, wanted.q2))
+    well1 = middle1 + min(end1, max(-end1, wanted.q1 - middle1))
+    well2 = middle2 + min(end2, max(-end2, wanted.q2 - middle2))
     proposal = Proposal(well1, well2, wanted.share, wanted.steps, wanted.elbow)
     cost = look_ahead(scene, proposal, least + bonus).cost - bonus
     if cost >= least:

@@ -33,6 +33,7 @@ CRUISE_SHARE = 0.5
 BODY = [
     ("lengths", "f8", (2,)),
     ("link_radius", "f8"),
+    ("middle", "f8", (2,)),
     ("ranges", "f8", (2,)),
     ("top", "f8", (2,)),
     ("cruise", "f8", (2,)),
@@ -41,8 +42,9 @@ BODY = [
     ("coupling", "f8", (2, 2)),
     ("weight", "f8", (2,)),
 ]
-"""The arm: its links, m; largest angles, rad, and velocities, rad/s; accelerations towards the goal and largest ones,
-rad/s^2; largest torques, N m; and its dynamics, see :mod:`planners.robot.dynamics`."""
+"""The arm: its links, m; middle of the joint ranges and half of their width, rad; largest velocities, rad/s;
+accelerations towards the goal and largest ones, rad/s^2; largest torques, N m; and its dynamics, see
+:mod:`planners.robot.dynamics`."""
 
 
 def make_body(arm: Arm) -> Any:
@@ -59,7 +61,8 @@ def make_body(arm: Arm) -> Any:
             raise ValueError(f"the whole-arm field needs {name} limits; {arm.name} has {getattr(limits, name)}")
     body = np.zeros(1, BODY)[0]
     body["lengths"], body["link_radius"] = arm.lengths, arm.link_radius
-    body["ranges"], body["top"] = np.minimum(limits.angle, math.pi), limits.velocity
+    body["middle"], body["ranges"] = limits.angle_middle, np.minimum(limits.angle_half, math.pi)
+    body["top"] = limits.velocity
     body["hardest"], body["torque"] = limits.acceleration, limits.torque
     body["cruise"] = CRUISE_SHARE * body["hardest"]
     body["coupling"], body["weight"] = arm.chain_constants
@@ -104,12 +107,21 @@ def _rest_time(error: float, v: float, top: float, a: float) -> float:
 
 @njit(cache=True, nogil=True)
 def goal_postures(body: Any, x: float, y: float, postures: Array) -> None:
-    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``; NaN beyond a joint range."""
+    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``, in the whole turn around the middle
+    of the joint ranges; NaN beyond a range.
+    """
     for branch in range(2):
         q1, q2 = two_link_branch(body.lengths[0], body.lengths[1], x, y, 1.0 - 2.0 * branch)
-        if not (abs(q1) < body.ranges[0] and abs(q2) < body.ranges[1]):
+        q1, q2 = _turn_towards(body.middle[0], q1), _turn_towards(body.middle[1], q2)
+        if not (abs(q1 - body.middle[0]) < body.ranges[0] and abs(q2 - body.middle[1]) < body.ranges[1]):
             q1 = q2 = np.nan
         postures[branch, 0], postures[branch, 1] = q1, q2
+
+
+@njit(cache=True, nogil=True)
+def _turn_towards(middle: float, angle: float) -> float:
+    """The angle in the whole turn around ``middle``, rad."""
+    return angle + 2.0 * math.pi * round((middle - angle) / (2.0 * math.pi)) if not math.isnan(angle) else angle
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -173,7 +185,8 @@ def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> No
     """
     for i in range(2):
         hardest, top = body.hardest[i], VELOCITY_SHARE * body.top[i]
-        slowest, fastest = stoppable_velocities(q[i], qd[i], body.ranges[i], 0.5 * hardest, period)
+        from_middle = q[i] - body.middle[i]
+        slowest, fastest = stoppable_velocities(from_middle, qd[i], body.ranges[i], 0.5 * hardest, period)
         slowest, fastest = max(-top, slowest), min(top, fastest)
         qdd[i] = min((fastest - qd[i]) / period, max((slowest - qd[i]) / period, qdd[i]))
         qdd[i] = min(hardest, max(-hardest, qdd[i]))

@@ -48,9 +48,12 @@ class StraightLine(NamedTuple):
 
 
 class ArmLimits(NamedTuple):
-    """Limits of torque, velocity, acceleration and angle, ``(4, n)``, and the dynamics (`Arm.chain_constants`)."""
+    """Limits of torque, velocity, acceleration and angle (from the middle of its range), ``(4, n)``; the middles,
+    ``(n,)``, rad; and the dynamics (`Arm.chain_constants`).
+    """
 
     table: Array
+    middle: Array
     coupling: Array
     weight: Array
 

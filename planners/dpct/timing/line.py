@@ -95,8 +95,8 @@ def _line(
             besides = abs(across[i]) if gentle and decay > 0.0 else 0.0
             top_speed = min(top_speed, (table[1, i] - besides) / slope)
             acceleration = min(acceleration, (table[2, i] - (besides / decay if besides > 0.0 else 0.0)) / slope)
-            to_zero = -origin[i] / direction[i]
-            low, high = max(low, to_zero - table[3, i] / slope), min(high, to_zero + table[3, i] / slope)
+            to_middle = (limits.middle[i] - origin[i]) / direction[i]
+            low, high = max(low, to_middle - table[3, i] / slope), min(high, to_middle + table[3, i] / slope)
     acceleration = min(acceleration, _most_acceleration(origin, direction, length, limits))
     if acceleration <= 0.0 or top_speed <= 0.0:
         low = high = np.nan
@@ -109,7 +109,8 @@ def _line(
         low, high = min(low, stop) - TINY, max(high, stop) + TINY
     for i in range(q.shape[0]):
         # a start at the edge of a range or beyond it is allowed, moving further out is not
-        if abs(origin[i] + stop * direction[i]) > max(table[3, i], abs(q[i])) + SLACK:
+        middle = limits.middle[i]
+        if abs(origin[i] + stop * direction[i] - middle) > max(table[3, i], abs(q[i] - middle)) + SLACK:
             low = high = np.nan
     return StraightLine(origin, direction, across, decay, speed, top_speed, acceleration, low, high, goal, held)
 

@@ -79,7 +79,7 @@ def plan_timing(
     if not STAGE <= prediction <= MOST_PREDICTION:
         raise ValueError(f"prediction {prediction} s must be from {STAGE} to {MOST_PREDICTION} s")
     require_choice("contact", contact, get_args(Contact))
-    limits = np.array([getattr(problem.joint_limits, kind) for kind in ("torque", "velocity", "acceleration", "angle")])
+    limits = np.array([problem.joint_limits.array(kind) for kind in ("torque", "velocity", "acceleration", "angle")])
     if not np.isfinite(limits[1:3]).all():
         raise ValueError("variant 'timing' needs finite limits of velocity and acceleration for every joint")
     arm = problem.arm
@@ -121,7 +121,7 @@ def _detours(n: int) -> Array:
 def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limits: Array) -> tuple[float, list[_Leg]]:
     """The best timing: one leg to the target, or a detour and a leg from its end."""
     q, qd, _ = problem.start
-    bounds = ArmLimits(limits, *problem.loaded_arm.chain_constants)
+    bounds = ArmLimits(limits, problem.joint_limits.angle_middle, *problem.loaded_arm.chain_constants)
     cost, line, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
     if not np.isfinite(cost):
         message = "the joints are too fast to stop within their ranges, or the static torques use up the torque limits"

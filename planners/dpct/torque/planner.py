@@ -26,6 +26,7 @@ from planners.dpct.torque.speed_profile import Track, controllable, extreme_prof
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
 from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
@@ -56,7 +57,7 @@ limit starts on the boundary."""
 STANDSTILL = 1e-9
 """Speed, as a fraction of the fastest, that is rest but for rounding."""
 
-KINDS = ("torque", "velocity", "acceleration")
+KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration")
 
 
 @variant(
@@ -147,7 +148,7 @@ class _Way:
         static = arm.inverse_dynamics(q, still, still)
         inertia = arm.inverse_dynamics(q, still, slope) - static
         centripetal = arm.inverse_dynamics(q, slope, curvature) - static
-        table = np.array([getattr(limits, kind) for kind in KINDS])
+        table = np.array([limits.array(kind) for kind in KINDS])
         return Track(np.diff(self.r), slope, curvature, inertia, centripetal, static, table)
 
 
@@ -162,7 +163,8 @@ def _way(problem: MotionProblem, stages: int) -> _Way:
     r = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, stages + 1))
     way = _Way(problem, line.path, length, r, speed / length if length > 0.0 else 0.0)
     q = way.joints(np.linspace(0.0, 1.0, 4 * stages + 1))[0]
-    outside = np.argwhere(np.abs(q) > np.array(problem.joint_limits.angle) + 1e-9)
+    limits = problem.joint_limits
+    outside = np.argwhere(np.abs(q - limits.angle_middle) > limits.angle_half + 1e-9)
     if len(outside):
         sample, joint = outside[0]
         message = f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight path"

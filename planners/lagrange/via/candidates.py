@@ -58,7 +58,8 @@ class Situation(NamedTuple):
     Attributes:
         lengths, base, link_radius: of the arm, m.
         coupling, weight: of its dynamics; see `planners.robot.dynamics`.
-        torque, velocity, acceleration, jerk, angle: limits, ``(n,)``, N m, rad/s, rad/s^2, rad/s^3 and rad.
+        torque, velocity, acceleration, jerk: limits, ``(n,)``, N m, rad/s, rad/s^2 and rad/s^3.
+        middle, angle: middle of the joint ranges and half of their width, ``(n,)``, rad.
         q, qd: start, ``(n,)``, rad and rad/s.
         discs: position, velocity and radius, ``(discs, 5)``, m and m/s.
         horizon: longest duration, s.
@@ -73,6 +74,7 @@ class Situation(NamedTuple):
     velocity: Array
     acceleration: Array
     jerk: Array
+    middle: Array
     angle: Array
     q: Array
     qd: Array
@@ -202,7 +204,8 @@ def rate(context: Search, e: int, via: Array, duration: float, best: float) -> f
 def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
     """Whether angles, velocities, accelerations and jerks stay within their limits, or those that the start breaks."""
     for i in range(c.shape[0]):
-        far = max(SHARE * situation.angle[i], (1.0 + 1e-6) * abs(situation.q[i]))
+        middle = situation.middle[i]
+        far = max(SHARE * situation.angle[i], (1.0 + 1e-6) * abs(situation.q[i] - middle))
         fast = max(SHARE * situation.velocity[i], (1.0 + 1e-6) * abs(situation.qd[i])) * duration
         hard, harsh = SHARE * situation.acceleration[i] * duration**2, SHARE * situation.jerk[i] * duration**3
         _, c1, c2, c3, c4, c5 = c[i]
@@ -214,7 +217,7 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
                 return False
             if abs(6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)) > harsh:
                 return False
-            if abs(angle_at(c[i], s)) > far:
+            if abs(angle_at(c[i], s) - middle) > far:
                 return False
     return True
 

@@ -19,11 +19,11 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import Takes, variant
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.joint_move import KINDS
 from planners.lagrange.via.candidates import SHARE, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
@@ -131,12 +131,13 @@ def _situation(problem: MotionProblem) -> Situation:
     arm, limits = problem.loaded_arm, problem.joint_limits
     discs = [(*obstacle.position, *obstacle.velocity, obstacle.radius) for obstacle in problem.obstacles]
     q, qd, _ = problem.start
-    torque, velocity, acceleration, jerk, angle = (np.array(getattr(limits, kind)) for kind in KINDS)
+    torque, velocity, acceleration, jerk, angle = (limits.array(kind) for kind in LIMIT_KINDS)
     body = arm.length_array, arm.base_array, arm.link_radius, *arm.chain_constants
     disc_rows = np.array(discs).reshape(-1, 5)
     return Situation(
-        *body, torque, velocity, acceleration, jerk, angle, q.copy(), qd.copy(), disc_rows, problem.horizon
-    )
+        *body, torque, velocity, acceleration, jerk, limits.angle_middle, angle,
+        q.copy(), qd.copy(), disc_rows, problem.horizon,
+    )  # fmt: skip
 
 
 @lru_cache
@@ -179,7 +180,7 @@ def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, p
         braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
     for offset in offsets:
         posture = situation.q + 0.5 * braking * situation.qd + offset
-        if (np.abs(posture) > situation.angle).any():
+        if (np.abs(posture - situation.middle) > situation.angle).any():
             continue
         q[count], holds[count], tried[count] = posture, np.inf, 1
         soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, posture))

@@ -133,10 +133,11 @@ def search(
         arm.base_array,
         arm.link_radius,
         *arm.chain_constants,
-        TORQUE_SHARE * np.array(limits.torque),
-        np.array(limits.velocity),
-        np.array(limits.acceleration),
-        np.array(limits.angle),
+        TORQUE_SHARE * limits.array("torque"),
+        limits.array("velocity"),
+        limits.array("acceleration"),
+        limits.angle_middle,
+        limits.angle_half,
         centers,
         sizes,
         pace,
@@ -186,8 +187,8 @@ def _check(
         raise ValueError(f"time_steps {time_steps} s must be multiples of the path's step, {step} s, and at least one")
     if (len(path) - 1) * step < horizon - 1e-6 * step:
         raise ValueError(f"the path lasts {(len(path) - 1) * step:.4g} s; it must not end before {horizon} s")
-    if np.any(np.abs(start) > np.array(limits.angle)):
-        raise ValueError(f"q {start} is out of the joints' ranges, {limits.angle} rad")
+    if not limits.within(start):
+        raise ValueError(f"q {start} is out of the joints' ranges, {limits.angle_text}")
 
 
 def _goal(world: World, arm: Arm, place: Array, tolerance: float, hold: int) -> Goal:
@@ -195,10 +196,10 @@ def _goal(world: World, arm: Arm, place: Array, tolerance: float, hold: int) -> 
     arm.inverse_kinematics(place)  # raises where the goal is out of reach
     turns = 2.0 * np.pi * np.arange(RING_PLACES) / RING_PLACES
     ring = place + RING * tolerance * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    aims = _postures(arm, np.concatenate([place[None], ring])).reshape(-1, 2)
-    aims = aims[np.all(np.abs(aims) <= world.angle, axis=1)]
+    aims = _postures(arm, world, np.concatenate([place[None], ring])).reshape(-1, 2)
+    aims = aims[np.all(np.abs(aims - world.middle) <= world.angle, axis=1)]
     windows = _windows(world, place, tolerance, hold)
-    return Goal(place, tolerance, hold, windows, aims, _boxes(arm, place, tolerance))
+    return Goal(place, tolerance, hold, windows, aims, _boxes(arm, world, place, tolerance))
 
 
 def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray[np.int64]:
@@ -215,22 +216,26 @@ def _windows(world: World, place: Array, tolerance: float, hold: int) -> NDArray
     return windows
 
 
-def _postures(arm: Arm, hands: Array) -> Array:
-    """Both postures for hand positions ``(batch, 2)``, which are clipped to the reach, ``(batch, 2, 2)``."""
+def _postures(arm: Arm, world: World, hands: Array) -> Array:
+    """Both postures for hand positions ``(batch, 2)``, which are clipped to the reach, ``(batch, 2, 2)``, rad.
+
+    Angles are those in the whole turn around the middle of the joint ranges.
+    """
     away = hands - arm.base_array
     distance = np.hypot(*away.T)[:, None]
     within = np.clip(distance, abs(arm.lengths[0] - arm.lengths[1]), arm.reach)
-    return arm.inverse_kinematics(arm.base_array + away * within / np.maximum(distance, np.finfo(float).tiny))
+    q = arm.inverse_kinematics(arm.base_array + away * within / np.maximum(distance, np.finfo(float).tiny))
+    return q + 2.0 * np.pi * np.round((world.middle - q) / (2.0 * np.pi))
 
 
-def _boxes(arm: Arm, place: Array, tolerance: float) -> Array:
+def _boxes(arm: Arm, world: World, place: Array, tolerance: float) -> Array:
     """Joint ranges of each branch with the hand in the tolerance, slightly too wide, ``(2, 2, 2)``."""
     turns = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     shares = np.linspace(0.0, 1.001, 6)
     disc = place + tolerance * np.stack(
         [np.outer(shares, np.cos(turns)).ravel(), np.outer(shares, np.sin(turns)).ravel()], axis=1
     )
-    postures = _postures(arm, disc)
+    postures = _postures(arm, world, disc)
     return np.stack([postures.min(axis=0), postures.max(axis=0)], axis=-1)
 
 

@@ -35,7 +35,8 @@ class World(NamedTuple):
     Attributes:
         lengths, base, link_radius: of the arm, m.
         coupling, weight: see :mod:`planners.robot.dynamics`.
-        torque, velocity, acceleration, angle: limits of the joints, each ``(2,)``, N m, rad/s, rad/s^2 and rad.
+        torque, velocity, acceleration: limits of the joints, each ``(2,)``, N m, rad/s and rad/s^2.
+        middle, angle: middle of the joint ranges and half of their width, each ``(2,)``, rad.
         path: centres of the discs, ``(samples, k, 2)``, m.
         radii: ``(k,)``, m.
         pace: speed of the fastest disc, m/s.
@@ -51,6 +52,7 @@ class World(NamedTuple):
     torque: Array
     velocity: Array
     acceleration: Array
+    middle: Array
     angle: Array
     path: Array
     radii: Array
@@ -108,7 +110,7 @@ def in_range(world: World, q: Array, qd: Array) -> bool:
     inside = True
     for j in range(2):
         stop = q[j] + 0.5 * qd[j] * abs(qd[j]) / world.acceleration[j]
-        inside &= abs(qd[j]) <= world.velocity[j] * (1.0 + ROUNDING) and abs(stop) <= world.angle[j]
+        inside &= abs(qd[j]) <= world.velocity[j] * (1.0 + ROUNDING) and abs(stop - world.middle[j]) <= world.angle[j]
     return inside
 
 
@@ -244,6 +246,8 @@ def rest_keeps_limits(world: World, q0: Array, qd0: Array, profiles: Array, samp
         way1, w1, a1 = along_profile(profiles[0], qd0[0], world.acceleration[0], t)
         way2, w2, a2 = along_profile(profiles[1], qd0[1], world.acceleration[1], t)
         q1, q2 = q0[0] + way1, q0[1] + way2
-        if abs(q1) > world.angle[0] or abs(q2) > world.angle[1] or overload(world, q1, q2, w1, w2, a1, a2) > 1.0:
+        if abs(q1 - world.middle[0]) > world.angle[0] or abs(q2 - world.middle[1]) > world.angle[1]:
+            return False
+        if overload(world, q1, q2, w1, w2, a1, a2) > 1.0:
             return False
     return True

@@ -1,0 +1,115 @@
+"""Environments by name: ``module:id`` for a task of your own, and settings and reset options checked by name."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+import gymnasium as gym
+
+from envs.card import load
+from envs.settings import refuse_unknown
+
+VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
+SEED_MOST = 2**62
+"""The largest seed of a first episode."""
+
+_IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.+-]*")
+
+
+def is_in_module(text: str) -> bool:
+    """Whether a name is of the form ``module:name``."""
+    return _IN_MODULE.fullmatch(text) is not None
+
+
+def import_before(text: str) -> str:
+    """Import the module of ``module:name``, which may lie in the current folder.
+
+    Returns:
+        The name, without the module; a text without a module as it is.
+
+    Raises:
+        ValueError: if there is no such module, or its code raises an error.
+    """
+    if not is_in_module(text):
+        return text
+    module, _, name = text.partition(":")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        import_module(module)
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name and f"{module}.".startswith(f"{error.name}."):
+            raise ValueError(
+                f"no module {module} for {text}: there is no {error.name}.py or folder {error.name} in {os.getcwd()}, "
+                "and no such package is installed; name it as Python imports it"
+            ) from None
+        raise ValueError(f"{module} cannot be imported: {_where(error)}") from error
+    return name
+
+
+def import_env(env_id: str) -> str:
+    """The id of an environment, without the module in front of it, which is imported; raises as `import_before`."""
+    return import_before(env_id)
+
+
+def check_seed(seed: int) -> int:
+    """A seed of a first episode as it is; a ValueError if it is negative or too large."""
+    if not 0 <= seed <= SEED_MOST:
+        raise ValueError(f"seed {seed} must not be negative or above 2**62")
+    return seed
+
+
+def make_batch(env_id: str, num_envs: int, settings: Mapping[str, Any]) -> VectorEnv:
+    """A vector environment; a ValueError for settings that its task does not have."""
+    check_names(env_id, settings, {})
+    return gym.make_vec(env_id, num_envs=num_envs, **settings)
+
+
+def make_one(env_id: str, settings: Mapping[str, Any], render_mode: str | None = None) -> gym.Env[Any, Any]:
+    """A single environment; a ValueError for settings that its task does not have."""
+    check_names(env_id, settings, {})
+    return gym.make(env_id, render_mode=render_mode, **settings)
+
+
+def check_names(env_id: str, settings: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+    """Raise a ValueError for a setting or a reset option that a task does not have.
+
+    The message says so where the name is one of the other kind. Environments that are no tasks of planarm's kind check
+    their own.
+    """
+    task = task_type(env_id)
+    if task is None:
+        return
+    kinds = (("setting", task.config_type.model_fields), ("option", task.options_type.model_fields))
+    for given, (what, known), (other, others) in ((settings, *kinds), (options, *reversed(kinds))):
+        for name in given:
+            if name not in known and name in others:
+                argument = "env_config" if other == "setting" else "options"
+                raise ValueError(
+                    f"{name} is {'a setting' if other == 'setting' else 'a reset option'} of {env_id}, not "
+                    f"{'a setting' if what == 'setting' else 'a reset option'}: give it as --{other}s {name}=..., "
+                    f'in Python as {argument}={{"{name}": ...}}'
+                )
+        refuse_unknown(given, known, f"{env_id} {what}")
+
+
+def task_type(env_id: str) -> Any:
+    """The `envs.task.Task` class of an environment; None if it is no task of planarm's kind."""
+    spec = gym.registry.get(env_id)
+    kind = None if spec is None else spec.kwargs.get("task_type")
+    return load(kind) if isinstance(kind, str) else kind
+
+
+def _where(error: BaseException) -> str:
+    """An error in one line, with the last place in the code where it arose."""
+    text = f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if isinstance(error, SyntaxError) or not frames:
+        return text
+    return f"{text} ({frames[-1].filename}:{frames[-1].lineno})"

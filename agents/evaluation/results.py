@@ -1,0 +1,71 @@
+"""The results of a policy, episode by episode, and where the time went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.typing import Array
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Where the time went, all environments together."""
+
+    env_steps: int = 0  # control steps, summed over environments
+    plans: int = 0  # plans made; 0 for policies that do not plan
+    planning_seconds: float = 0.0  # spent on them
+    policy_seconds: float = 0.0  # spent in the policy without planning
+    env_seconds: float = 0.0  # spent in the environment's steps
+    infeasible: int = 0  # plans for which there was no solution
+
+    @property
+    def planning_ms(self) -> float:
+        """Milliseconds a plan; NaN for policies that do not plan."""
+        return 1e3 * self.planning_seconds / self.plans if self.plans else np.nan
+
+    @property
+    def policy_us(self) -> float:
+        """Microseconds of the policy, without planning, per step of an environment."""
+        return 1e6 * self.policy_seconds / self.env_steps
+
+    @property
+    def env_us(self) -> float:
+        """Microseconds of the environment per step of an environment."""
+        return 1e6 * self.env_seconds / self.env_steps
+
+    def __add__(self, other: Timing) -> Timing:
+        return Timing(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Results of a policy, episode by episode.
+
+    Attributes:
+        policy: its name.
+        env_id: where.
+        seeds: one an episode, ``(episodes,)``.
+        returns: sum of rewards, ``(episodes,)``.
+        lengths: control steps, ``(episodes,)``.
+        metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; numbers in a nested
+            dict have both keys, as in ``limit_ratios/velocity``. Also ``mass_estimate`` of a policy that
+            `EstimatesPayload`, kg.
+        timing: where the time went.
+    """
+
+    policy: str
+    env_id: str
+    seeds: NDArray[np.int64]
+    returns: Array
+    lengths: NDArray[np.int64]
+    metrics: dict[str, NDArray[Any]]
+    timing: Timing
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Whether each episode ended in success."""
+        return self.metrics["is_success"].astype(bool)

@@ -1,0 +1,90 @@
+"""Models of Stable-Baselines3: loaded from their zips, with the statistics of their VecNormalize."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from agents.policies.policy import Policy
+
+STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
+"""Files beside a model with the statistics of its VecNormalize; ``MODEL_vecnormalize.pkl`` comes first."""
+
+_MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
+"""The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""
+
+
+class NormalizedPolicy:
+    """A model behind the observation statistics that it was trained with."""
+
+    def __init__(self, model: Any, statistics: Any) -> None:
+        self.observation_space, self.action_space = model.observation_space, model.action_space
+        self._model, self._statistics = model, statistics
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[Any, Any]:
+        """As the model's, for observations as the environment gives them."""
+        seen = self._statistics.normalize_obs(observation)
+        answer: tuple[Any, Any] = self._model.predict(seen, state, episode_start, deterministic)
+        return answer
+
+
+def load_model(path: Path, *, allow_code: bool) -> Policy:
+    """A model of Stable-Baselines3, which acts on the CPU.
+
+    Its algorithm is inferred from its settings, which do not name it. Statistics of a VecNormalize beside it are used.
+
+    Raises:
+        ValueError: if there is no such file, it may not be opened, it is no model, or its statistics are missing.
+        ModuleNotFoundError: without the `rl` extra.
+    """
+    if not path.is_file():
+        raise ValueError(f"no file {path}")
+    if not allow_code:
+        raise ValueError(
+            f"{path} is not loaded: the zip of a Stable-Baselines3 model can run any code when it is opened. If you "
+            "trust its source, pass --allow-code, in Python allow_code=True"
+        )
+    try:
+        with zipfile.ZipFile(path) as archive:
+            settings = json.loads(archive.read("data"))
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no model of Stable-Baselines3: {error}") from None
+    algorithm = next((name for mark, name in _MARKS.items() if mark in settings), None)
+    if algorithm is None:
+        raise ValueError(f"{path} is of no algorithm known here ({', '.join(_MARKS.values())})")
+    try:
+        library = import_module("stable_baselines3")
+        import_module("torch").set_num_threads(1)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f'a Stable-Baselines3 model needs pip install "planarm[rl]" ({error})') from None
+    model = getattr(library, algorithm).load(path, device="cpu")
+    return _with_statistics(model, path)
+
+
+def _with_statistics(model: Any, path: Path) -> Policy:
+    """A model with the statistics beside it, if there are any; a ValueError if it was trained with some."""
+    names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS)
+    found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
+    if found is None:
+        # Stable-Baselines3 keeps the last observation before normalisation where there is one.
+        if model._last_original_obs is not None:
+            raise ValueError(
+                f"{path} was trained behind a VecNormalize, whose statistics are not beside it: save them there with "
+                f"model.get_vec_normalize_env().save({str(path.with_name(STATISTICS[0]))!r})"
+            )
+        plain: Policy = model
+        return plain
+    try:
+        statistics = pickle.loads(found.read_bytes())
+        normalize, shape = statistics.normalize_obs, statistics.observation_space.shape
+    except Exception as error:
+        raise ValueError(f"{found} holds no statistics of a VecNormalize: {type(error).__name__}: {error}") from None
+    if not callable(normalize) or shape != model.observation_space.shape:
+        raise ValueError(f"{found} is for observations of shape {shape}; {path} takes {model.observation_space.shape}")
+    return NormalizedPolicy(model, statistics)

@@ -1,0 +1,91 @@
+"""Checks of what users hand to an environment: actions and limits on the length of an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from planners.typing import Array
+
+
+def checked_actions(given: Any, shape: tuple[int, ...]) -> Array:
+    """Actions as float64 of a shape, ``(n,)`` or ``(num_envs, n)``.
+
+    Raises:
+        ValueError: for anything but finite numbers of that shape, with what is expected and what was found.
+    """
+    try:
+        actions = np.asarray(given)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"expected an action of shape {shape}, found {_shown(given)}, which is no array") from error
+    if actions.dtype.kind not in "fiu":
+        raise ValueError(
+            f"expected an action of numbers (float32) of shape {shape}, found {_shown(given)} of type {actions.dtype}"
+        )
+    if actions.shape != shape:
+        raise ValueError(
+            f"expected an action of shape {shape}, found shape {actions.shape}; "
+            + ("give one row of numbers per environment" if len(shape) == 2 else f"give {shape[0]} numbers")
+        )
+    numbers: Array = np.ascontiguousarray(actions, dtype=np.float64)
+    if not _all_finite(numbers.reshape(-1)):
+        bad = int(np.flatnonzero(~np.isfinite(numbers).all(axis=-1))[0]) if len(shape) == 2 else 0
+        row = numbers[bad] if len(shape) == 2 else numbers
+        raise ValueError(
+            f"action {row.tolist()} (environment {bad}) is not finite; "
+            "actions are numbers in [-1, 1], larger ones are clipped"
+        )
+    return numbers
+
+
+def checked_count(name: str, value: Any, hint: str = "") -> int:
+    """A whole number of at least 1.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f"{name} {value!r} must be a whole number of at least 1{hint}")
+    return int(value)
+
+
+def checked_options(options: Any) -> dict[str, Any]:
+    """A copy of the options of ``reset``.
+
+    Raises:
+        ValueError: if they are no mapping.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise ValueError(f'expected options by name, as in {{"scenario": "random"}}; found {_shown(options)}')
+    return dict(options)
+
+
+@contextmanager
+def untouched_when_refused(generators: Sequence[np.random.Generator]) -> Iterator[None]:
+    """Set random number generators back to where they were if the block raises an exception."""
+    states = [generator.bit_generator.state for generator in generators]
+    try:
+        yield
+    except BaseException:
+        for generator, state in zip(generators, states, strict=True):
+            generator.bit_generator.state = state
+        raise
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+@njit(cache=True, nogil=True)
+def _all_finite(values: Any) -> bool:
+    for value in values:  # noqa: SIM110  numba does not compile all()
+        if not np.isfinite(value):
+            return False
+    return True
