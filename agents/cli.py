@@ -24,6 +24,7 @@ COMMANDS = {
     "evaluate": Command("agents.commands.evaluate", "EvaluateOptions", "score a policy on a task, beside others"),
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
+    "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),

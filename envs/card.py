@@ -94,6 +94,7 @@ class TaskCard:
         metrics: columns of its tables, in order.
         experts: how each scripted expert is made from the task, by name; "random" is there for every task.
         control_modes: in which the experts act; the default first.
+        replan_every: control periods between two plans of a user's own planner; None to keep the first.
         bound: the best known value of a metric, if one can be computed.
         recipe: training configuration: the name of a shipped one, or the path of a YAML file.
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
@@ -103,6 +104,7 @@ class TaskCard:
     metrics: tuple[Metric, ...]
     experts: Mapping[str, Callable[[Any], Expert]]
     control_modes: tuple[str, ...] = ("torque",)
+    replan_every: int | None = None
     bound: Bound | None = None
     recipe: str | None = None
     constant_entries: frozenset[str] = frozenset()

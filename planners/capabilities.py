@@ -155,6 +155,28 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
     variant(name, "", takes or anything, promises=takes is not None)(plan)
 
 
+def capability_rows() -> list[tuple[str, str, str, str, str, str, str]]:
+    """Of every variant and kind of target it takes: planner, variant, target, links, obstacles, limits kept, arrival."""
+    return [
+        (
+            entry.planner,
+            entry.name,
+            kind,
+            _span(takes.links),
+            takes.obstacles,
+            ", ".join(takes.keeps) if entry.promises else "its own rules only",
+            takes.arrives,
+        )
+        for entry in sorted(VARIANTS.values(), key=lambda entry: _order(entry.planner))
+        for kind, takes in entry.takes.items()
+    ]
+
+
+def own_planners() -> dict[str, Callable[[MotionProblem], Trajectory]]:
+    """The planners that users have registered, by name."""
+    return {planner: entry.plan for (planner, _), entry in VARIANTS.items() if planner not in OWN}
+
+
 def plan(problem: MotionProblem, planner: str | None = None, variant: str | None = None, **options: Any) -> Trajectory:
     """Plan a motion with a planner and variant, or with the first that can.
 
@@ -182,7 +204,7 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
 
     def rank(entry: Variant) -> tuple[bool, int]:
         aimless = bool(problem.obstacles) and entry.takes[kind].obstacles != "avoided"
-        return aimless, OWN.index(entry.planner) if entry.planner in OWN else len(OWN)
+        return aimless, _order(entry.planner)
 
     able.sort(key=rank)
     failures = []
@@ -233,6 +255,15 @@ def _names() -> list[str]:
 
 def _objections(problem: MotionProblem) -> list[str]:
     return [f"{entry} {entry.objection(problem)}" for entry in VARIANTS.values()]
+
+
+def _order(planner: str) -> int:
+    """Place of a planner in lists: planarm's own first."""
+    return OWN.index(planner) if planner in OWN else len(OWN)
+
+
+def _span(links: tuple[int, ...]) -> str:
+    return f"{links[0]} to {links[-1]}" if len(links) > 1 else str(links[0])
 
 
 def _listed(values: Iterable[object]) -> str:

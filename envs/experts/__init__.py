@@ -12,11 +12,12 @@ from typing import Any
 import gymnasium as gym
 
 from envs.card import env_ids, task_card
-from envs.experts.base import Expert
+from envs.experts.base import Expert, Planner
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import FollowerExpert, JointFieldExpert, MovingTargetExpert, RandomExpert
 from envs.settings import refuse_unknown
 from envs.task import Task
+from planners.capabilities import own_planners
 
 __all__ = [
     "ADAPTIVE",
@@ -36,8 +37,14 @@ ADAPTIVE = "+adaptive"
 
 
 def _experts(env_id: str) -> dict[str, Callable[[Any], Expert]]:
-    """How each expert is made from a task: those of its card, and the random one."""
-    return {**task_card(env_id).experts, "random": RandomExpert}
+    """How each expert is made from a task: the user's own planners, those of its card, and the random one."""
+    card = task_card(env_id)
+
+    def tracking(planner: Planner) -> Callable[[Any], Expert]:
+        return lambda task: PlanningExpert(task, planner, card.replan_every)
+
+    own = {name: tracking(planner) for name, planner in own_planners().items()}
+    return {**own, **card.experts, "random": RandomExpert}
 
 
 def expert_names(env_id: str) -> list[str]:

@@ -31,6 +31,7 @@ CARD = TaskCard(
         "follower": lambda task: PlanningExpert(task, trapezoid.plan),
     },
     control_modes=("torque", "acceleration", "velocity"),
+    replan_every=REPLAN_EVERY,
     bound=Bound(
         "time_to_goal", "a search that knows the whole paths of the discs (half of the acceleration)", time_to_goal
     ),
