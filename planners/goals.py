@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.robot import redundant
 from planners.robot.kinematics import UnreachableTarget, wrap
+from planners.robot.limits import JointLimits
 from planners.typing import Array
 
 Elbow = Literal["best", "start", "+", "-"]
@@ -20,60 +23,111 @@ LONG_WAY = 0.5 * np.pi
 
 MOST_GOALS = 6
 
+BEYOND = 1e-6
+"""Excess of a joint range by a target in joint angles that counts as rounding, rad."""
+
 
 def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow: Elbow) -> list[Array]:
-    """Goal joint angles, ``(n,)`` each: at most `MOST_GOALS`, closest to the start first.
+    """Goal joint angles within the joint ranges, ``(n,)`` each: at most `MOST_GOALS`, closest to the start first.
 
     Raises:
-        Infeasible: with reason ``unreachable`` if the target is out of reach within the joint ranges.
-        ValueError: if an elbow branch is given for a target in joint angles.
+        Infeasible: with reason ``unreachable`` if a hand position is out of reach within the joint ranges, or not on
+            the elbow branch; ``limits`` if a target in joint angles leaves the ranges.
+        ValueError: if an elbow branch is given for a target in joint angles or for a single link.
     """
     if isinstance(target, FixedJoints):
         if elbow not in ("best", "start"):
             raise ValueError("a target in joint angles fixes the elbow; use elbow='best'")
+        _require_range(problem, target.q)
         return [target.q]
-    n = problem.arm.n_joints
-    orientations: list[float | None] = [target.orientation]
-    if n == 3 and target.orientation is None:
-        turns = np.arange(ORIENTATIONS) * 2.0 * np.pi / ORIENTATIONS
-        orientations = [float(problem.q.sum() + turn) for turn in turns]
-    postures = []
-    for orientation in orientations:
-        try:
-            branches = problem.arm.inverse_kinematics(target.position, orientation)
-        except UnreachableTarget as error:
-            unreachable = error
-            continue
-        postures += [branch for branch in branches if on_branch(branch, problem.q, elbow)]
+    if problem.arm.n_joints == 1 and elbow in ("+", "-"):
+        raise ValueError(f"{problem.arm.name} has one link and no elbow; use elbow='best'")
+    x, y = target.position
+    try:
+        branches = _inverse(problem, target)
+        postures = [branch for branch in branches if on_branch(branch, problem.q, elbow)]
+        goals = [goal for posture in postures for goal in whole_turns(posture, problem)]
+        if not goals and problem.arm.n_joints == 3 and target.orientation is None:
+            postures = [branch for branch in _search(problem, target) if on_branch(branch, problem.q, elbow)]
+            goals = [goal for posture in postures for goal in whole_turns(posture, problem)]
+    except UnreachableTarget as error:
+        raise Infeasible("unreachable", str(error)) from None
     if not postures:
-        raise Infeasible("unreachable", str(unreachable))
-    goals = [goal for posture in postures for goal in whole_turns(posture, problem)]
+        message = f"no posture with the hand at ({x:.4g}, {y:.4g}) m has its elbow on branch '{elbow}'; use 'best'"
+        raise Infeasible("unreachable", message)
     if not goals:
-        x, y = target.position
-        raise Infeasible("unreachable", f"every posture with the hand at ({x:.4g}, {y:.4g}) m leaves a joint's range")
+        ranges = problem.joint_limits.angle_text
+        message = f"every posture with the hand at ({x:.4g}, {y:.4g}) m leaves a joint's range, {ranges}"
+        raise Infeasible("unreachable", message)
     return sorted(goals, key=lambda goal: float(np.abs(goal - problem.q).sum()))[:MOST_GOALS]
 
 
 def on_branch(posture: Array, start: Array, elbow: Elbow) -> bool:
-    """Whether a posture is on an elbow branch."""
-    if elbow == "best":
+    """Whether a posture is on an elbow branch; a straight or folded elbow and a single link are on both."""
+    if elbow == "best" or len(posture) == 1:
         return True
-    positive = np.sin(start[1]) >= 0.0 if elbow == "start" else elbow == "+"
-    return bool((np.sin(posture[1]) >= 0.0) == positive)
+    positive, bend = np.sin(start[1]) >= 0.0 if elbow == "start" else elbow == "+", np.sin(posture[1])
+    return bool(bend == 0.0 or (bend > 0.0) == positive)
 
 
 def whole_turns(posture: Array, problem: MotionProblem) -> list[Array]:
     """The posture within the joint ranges, in whole turns closest to the start; the first joint both ways round."""
-    nearest = problem.q + wrap(posture - problem.q)
-    ranges = np.array(problem.joint_limits.angle)
-    turn = nearest[0] - problem.q[0]
-    short = abs(turn) < LONG_WAY and abs(nearest[0]) <= ranges[0]
-    firsts = [nearest[0]] if short else [nearest[0], nearest[0] - np.copysign(2.0 * np.pi, turn)]
-    outer = [(angle, angle - 2.0 * np.pi, angle + 2.0 * np.pi) for angle in nearest[1:]]
-    found = []
-    for first in firsts:
-        # The first angle within the range is the closest.
-        rest = [next((a for a in angles if abs(a) <= r), None) for angles, r in zip(outer, ranges[1:], strict=True)]
-        if abs(first) <= ranges[0] and None not in rest:
-            found.append(np.array([first, *rest], dtype=float))
-    return found
+    limits, start = problem.joint_limits, problem.q
+    closest = nearest_turns(posture, start, limits)
+    first = float(start[0] + wrap(posture[0] - start[0]))
+    turn = first - start[0]
+    inside = limits.angle_lower[0] <= first <= limits.angle_upper[0]
+    around = [] if inside and abs(turn) < LONG_WAY else [first - np.copysign(2.0 * np.pi, turn)]
+    firsts = {closest[0]: None, **dict.fromkeys(around)}
+    both = [np.array([angle, *closest[1:]], dtype=float) for angle in firsts]
+    return [goal for goal in both if limits.within(goal)]
+
+
+def nearest_turns(posture: Array, near: Array, limits: JointLimits) -> Array:
+    """The same posture in the whole turns of its joints that are closest to ``near`` within the joint ranges.
+
+    Args:
+        posture, near: joint angles, ``(..., n)``, rad.
+        limits: of the joints, of which the ranges are kept.
+
+    Returns:
+        ``(..., n)``, rad; NaN for a joint that no turn brings into its range.
+    """
+    turn = 2.0 * np.pi
+    lower, upper = limits.angle_lower, limits.angle_upper
+    angles = near + wrap(posture - near)
+    above, below = np.maximum(angles - upper, 0.0), np.maximum(lower - angles, 0.0)
+    angles = angles + turn * (np.ceil(below / turn) - np.ceil(above / turn))
+    closest: Array = np.where((angles >= lower) & (angles <= upper), angles, np.nan)
+    return closest
+
+
+def _require_range(problem: MotionProblem, goal: Array) -> None:
+    """Raise Infeasible if a target in joint angles leaves a joint's range."""
+    limits = problem.joint_limits
+    outside = (goal < limits.angle_lower - BEYOND) | (goal > limits.angle_upper + BEYOND)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        message = f"the target has joint {joint + 1} at {goal[joint]:.4g} rad; the joint ranges are {limits.angle_text}"
+        raise Infeasible("limits", message, kind="angle", joint=joint)
+
+
+def _inverse(problem: MotionProblem, target: FixedHand) -> Array:
+    """Postures with the hand at the target, ``(k, n)``, rad; for an open third link those of `ORIENTATIONS`."""
+    arm = problem.arm
+    if arm.n_joints > 3:
+        return _search(problem, target)
+    if arm.n_joints < 3 or target.orientation is not None:
+        return arm.inverse_kinematics(target.position, target.orientation)
+    postures = []
+    for turn in np.arange(ORIENTATIONS) * 2.0 * np.pi / ORIENTATIONS:
+        with suppress(UnreachableTarget):
+            postures.append(arm.inverse_kinematics(target.position, float(problem.q.sum() + turn)))
+    return np.concatenate(postures) if postures else np.empty((0, 3))
+
+
+def _search(problem: MotionProblem, target: FixedHand) -> Array:
+    """Postures with the hand at the target within the joint ranges, ``(k, n)``, rad, found numerically."""
+    arm, limits = problem.arm, problem.joint_limits
+    place = arm.length_array, arm.base_array, target.position, target.orientation
+    return redundant.postures(*place, limits, problem.q)

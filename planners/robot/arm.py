@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planners.checks import Sign, require_finite, require_vector
-from planners.robot import clearance, dynamics, kinematics
+from planners.robot import clearance, dynamics, kinematics, redundant
 from planners.robot.limits import EveryJoint, is_number
 from planners.robot.limits import JointLimits as JointLimits
 from planners.typing import Array
@@ -143,38 +143,61 @@ class Arm:
         """Derivative of the hand position by the joint angles, ``(2, n)`` or ``(batch, 2, n)``, m."""
         return self._over_rows(partial(kinematics.jacobian, self.length_array), q)
 
-    def inverse_kinematics(self, hand: ArrayLike, orientation: ArrayLike | None = None) -> Array:
-        """Every joint posture that puts the hand at a position, in closed form.
+    def inverse_kinematics(
+        self, hand: ArrayLike, orientation: ArrayLike | None = None, near: ArrayLike | None = None
+    ) -> Array:
+        """Joint postures that put the hand at a position: all of them for one to three links, some for more.
 
         Args:
-            hand: position, ``(2,)`` or ``(batch, 2)``, m.
+            hand: position, ``(2,)`` or ``(batch, 2)``, m. That of a single link must be on its circle.
             orientation: absolute angle of the last link, a number or ``(batch,)``, rad: needed for three links,
-                refused for two (where the position alone decides).
+                refused for one and two (where the position alone decides), optional for more.
+            near: for four links or more, where the search starts, ``(n,)``, rad; the middle of the joint ranges when
+                left out.
 
         Returns:
-            ``(2, n)`` or ``(batch, 2, n)``, rad: first the branch with ``q2 >= 0`` (elbow +), then ``q2 <= 0``.
-            On the rim of the workspace the two are equal.
+            ``(k, n)`` or ``(batch, k, n)``, rad. One link: k = 1. Two and three, in closed form, whatever the joint
+            ranges: k = 2, first the branch with ``q2 >= 0`` (elbow +), then ``q2 <= 0``; on the rim of the workspace
+            the two are equal. Four and more: up to 8 different postures within the joint ranges, found numerically,
+            the closest to ``near`` first (see :mod:`planners.robot.redundant`); rows of a batch with fewer than
+            others repeat their last one.
 
         Raises:
-            UnreachableTarget: if a target is out of reach; the message names it and the reach.
-            ValueError: if the arm has neither two nor three links, or the orientation is missing or superfluous.
+            UnreachableTarget: if a target is out of reach; the message names it and the reach. For four links and
+                more also if no posture within the joint ranges is found.
+            ValueError: if a shape does not fit, or the orientation is missing or superfluous.
         """
         target = np.asarray(hand, dtype=float)
         if target.ndim not in (1, 2) or target.shape[-1] != 2:
             raise ValueError(f"hand position has shape {target.shape}; give (2,) or (batch, 2)")
         n, rows = self.n_joints, np.atleast_2d(target)
-        if n not in (2, 3):
-            raise ValueError(f"closed-form inverse kinematics covers two and three links; {self.name} has {n}")
-        if n == 2 and orientation is not None:
-            raise ValueError("two links cannot choose the orientation of the hand; leave it out")
+        if n < 3 and orientation is not None:
+            raise ValueError(f"{n} link{'s'[: n - 1]} cannot choose the orientation of the hand; leave it out")
         if n == 3 and orientation is None:
             raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
-        if orientation is None:
-            q = kinematics.two_link_inverse(self.length_array, self.base_array, rows)
-        else:
-            angles = np.broadcast_to(np.asarray(orientation, dtype=float), len(rows))
+        angles = None if orientation is None else np.broadcast_to(np.asarray(orientation, dtype=float), len(rows))
+        if n > 3:
+            q = self._redundant_postures(rows, angles, near)
+        elif angles is not None:
             q = kinematics.three_link_inverse(self.length_array, self.base_array, rows, angles)
+        else:
+            inverse = kinematics.one_link_inverse if n == 1 else kinematics.two_link_inverse
+            q = inverse(self.length_array, self.base_array, rows)
         return q[0] if target.ndim == 1 else q
+
+    def _redundant_postures(self, rows: Array, angles: Array | None, near: ArrayLike | None) -> Array:
+        """Postures of four links and more, ``(batch, k, n)``, rad, for hand positions ``(batch, 2)``, m."""
+        start = np.asarray(self.limits.angle_middle if near is None else near, dtype=float)
+        if start.shape != (self.n_joints,):
+            raise ValueError(f"near has shape {start.shape}; {self.name} wants ({self.n_joints},)")
+        orientations = [None] * len(rows) if angles is None else angles.tolist()
+        found = [
+            redundant.postures(self.length_array, self.base_array, row, orientation, self.limits, start)
+            for row, orientation in zip(rows, orientations, strict=True)
+        ]
+        most = max((len(postures) for postures in found), default=0)
+        repeated = [postures[np.minimum(np.arange(most), len(postures) - 1)] for postures in found]
+        return np.array(repeated).reshape(len(rows), most, self.n_joints)
 
     def clearance(self, q: ArrayLike, position: ArrayLike, radius: float) -> Array:
         """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.

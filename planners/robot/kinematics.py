@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.typing import Array
 
@@ -98,6 +99,22 @@ def _two_link_branches(lengths: Array, base: Array, hand: Array) -> Array:
     return q
 
 
+ON_CIRCLE = 1e-9
+"""Distance from the circle of a single link's hand up to which a position counts as on it, as a share of its length."""
+
+
+def one_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
+    """The posture of a single link, ``(batch, 1, 1)``, rad, for hand positions ``(batch, 2)`` on its circle, m.
+
+    Raises:
+        UnreachableTarget: if a target is not on the circle.
+    """
+    away = hand - base
+    distance = np.hypot(away[:, 0], away[:, 1])
+    _require_reach(lengths, base, hand, np.abs(distance - lengths[0]) <= ON_CIRCLE * lengths[0])
+    return np.arctan2(away[:, 1], away[:, 0])[:, None, None]
+
+
 def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     """Both elbow branches (see `two_link_branch`) of hand positions ``(batch, 2)``, m: ``(batch, 2, 2)``, rad.
 
@@ -107,18 +124,37 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
         UnreachableTarget: if a target lies outside the annulus the arm reaches.
     """
     q = _two_link_branches(lengths, base, hand)
-    out = np.isnan(q[:, 0, 0])
-    if out.any():
-        rows = tuple(int(row) for row in np.flatnonzero(out))
-        x, y = hand[rows[0]]
-        distance = np.hypot(*(hand[rows[0]] - base))
-        raise UnreachableTarget(
-            f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; links of {lengths[0]:.4g} m and "
-            f"{lengths[1]:.4g} m reach from {abs(lengths[0] - lengths[1]):.4g} m to {lengths.sum():.4g} m"
-            + (f" (and {len(rows) - 1} more targets)" if len(rows) > 1 else ""),
-            rows,
-        )
+    _require_reach(lengths, base, hand, ~np.isnan(q[:, 0, 0]))
     return q
+
+
+def require_reach(lengths: Array, base: Array, hand: Array) -> None:
+    """Raise UnreachableTarget if a hand position, ``(batch, 2)``, m, is out of reach whatever the joint ranges."""
+    distance, (nearest, farthest) = np.hypot(*(hand - base).T), reach(lengths)
+    rounding = 1e-12 * farthest
+    _require_reach(lengths, base, hand, (distance >= nearest - rounding) & (distance <= farthest + rounding))
+
+
+def reach(lengths: Array) -> tuple[float, float]:
+    """Least and largest distance of the hand from the base, m."""
+    farthest = float(lengths.sum())
+    return max(0.0, 2.0 * float(lengths.max()) - farthest), farthest
+
+
+def _require_reach(lengths: Array, base: Array, hand: Array, reached: NDArray[np.bool_]) -> None:
+    """Raise UnreachableTarget if a hand position, ``(batch, 2)``, m, is not reached."""
+    if reached.all():
+        return
+    rows = tuple(int(row) for row in np.flatnonzero(~reached))
+    x, y = hand[rows[0]]
+    distance, (nearest, farthest) = np.hypot(*(hand[rows[0]] - base)), reach(lengths)
+    *first, last = (f"{length:.4g} m" for length in lengths)
+    links = f"links of {', '.join(first)} and {last} reach from {nearest:.4g} m to" if first else "one link reaches"
+    raise UnreachableTarget(
+        f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; {links} {farthest:.4g} m"
+        + (f" (and {len(rows) - 1} more targets)" if len(rows) > 1 else ""),
+        rows,
+    )
 
 
 def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Array) -> Array:

@@ -211,7 +211,76 @@ def test_orientation_is_asked_of_three_links_only() -> None:
         PLANAR_3R.inverse_kinematics([0.5, 0.0])
 
 
-@pytest.mark.parametrize("n", [1, 4])
-def test_other_arms_have_no_closed_form(n: int) -> None:
-    with pytest.raises(ValueError, match=f"covers two and three links; test arm has {n}"):
-        make_arm(*(1.0,) * n).inverse_kinematics([0.5, 0.0])
+@given(st.floats(0.1, 2.0), angles)
+@settings(deadline=None)
+def test_one_link_comes_back_from_its_circle(length: float, q: float) -> None:
+    arm = make_arm(length, base=(-0.4, 0.7))
+    hand = arm.forward_kinematics([q])
+    posture = arm.inverse_kinematics(hand)
+    assert posture.shape == (1, 1)
+    np.testing.assert_allclose(turn(posture[0]), turn([q]), rtol=0.0, atol=1e-13 / length + 1e-13)
+
+
+def test_a_single_link_refuses_what_is_off_its_circle() -> None:
+    arm = make_arm(0.5)
+    with pytest.raises(UnreachableTarget, match=r"\(0.4, 0.4\) m is 0.5657 m from the base; one link reaches 0.5 m"):
+        arm.inverse_kinematics([0.4, 0.4])
+    with pytest.raises(ValueError, match="1 link cannot choose the orientation"):
+        arm.inverse_kinematics([0.5, 0.0], 0.0)
+
+
+@given(seed=st.integers(0, 10**6), n=st.integers(4, 6), oriented=st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_more_links_come_back_within_their_ranges(seed: int, n: int, oriented: bool) -> None:
+    rng = np.random.default_rng(seed)
+    middle, half = rng.uniform(-2.0, 2.0, n), rng.uniform(0.5, 3.0, n)
+    limits = JointLimits(angle=list(zip(middle - half, middle + half, strict=True)))
+    arm = Arm("test arm", rng.uniform(0.1, 1.0, n), 1.0, limits, base=rng.uniform(-1.0, 1.0, 2))
+    there = rng.uniform(limits.angle_lower, limits.angle_upper)
+    hand, along = arm.forward_kinematics(there), float(there.sum())
+    postures = arm.inverse_kinematics(hand, along if oriented else None, near=there + 0.05)
+    assert 1 <= len(postures) <= 8
+    assert limits.within(postures).all()
+    np.testing.assert_allclose(arm.forward_kinematics(postures), [hand] * len(postures), rtol=0.0, atol=1e-10)
+    if oriented:
+        np.testing.assert_allclose(turn(postures.sum(axis=1)), turn([along] * len(postures)), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-3, 0.8, 2.0 - 1e-6, 2.0 - 1e-12, 2.0])
+@pytest.mark.parametrize("n", [4, 5, 6])
+def test_more_links_reach_up_to_the_rims(n: int, distance: float) -> None:
+    arm = make_arm(*(2.0 / n,) * n, base=(0.2, -0.3))
+    hand = arm.base_array + distance * np.array([0.6, 0.8])
+    postures = arm.inverse_kinematics(hand)
+    np.testing.assert_allclose(arm.forward_kinematics(postures), [hand] * len(postures), rtol=0.0, atol=1e-10)
+
+
+def test_a_long_link_leaves_a_hole_that_is_reached_to_its_rim() -> None:
+    arm = make_arm(0.2, 1.0, 0.2, 0.1)
+    for distance in (0.5, 0.5 + 1e-12, 0.50001):
+        postures = arm.inverse_kinematics([0.0, distance])
+        np.testing.assert_allclose(arm.forward_kinematics(postures), [[0.0, distance]] * len(postures), atol=1e-10)
+    with pytest.raises(UnreachableTarget, match=r"is 0.49 m .* 0.2 m, 1 m, 0.2 m and 0.1 m reach from 0.5 m to 1.5 m"):
+        arm.inverse_kinematics([0.0, 0.49])
+
+
+def test_more_links_take_batches_and_give_the_same_every_time() -> None:
+    arm = make_arm(0.5, 0.4, 0.3, 0.2)
+    hands = np.array([[0.7, 0.5], [-0.9, 0.2], [1.4, 0.0]])
+    postures = arm.inverse_kinematics(hands, [0.1, 0.2, 0.0])
+    assert postures.shape == (3, postures.shape[1], 4)
+    np.testing.assert_allclose(arm.forward_kinematics(postures[0]), [hands[0]] * postures.shape[1], atol=1e-10)
+    np.testing.assert_allclose(postures.sum(axis=2)[1] % (2.0 * np.pi), 0.2, atol=1e-9)
+    np.testing.assert_array_equal(arm.inverse_kinematics(hands, [0.1, 0.2, 0.0]), postures)
+    single = arm.inverse_kinematics(hands[0], 0.1)
+    np.testing.assert_array_equal(postures[0, : len(single)], single)
+    with pytest.raises(ValueError, match=r"near has shape \(2,\); test arm wants \(4,\)"):
+        arm.inverse_kinematics(hands[0], near=[0.1, 0.2])
+
+
+def test_the_closest_posture_comes_first() -> None:
+    arm, near = make_arm(0.5, 0.4, 0.3, 0.2), np.array([0.3, 0.4, -0.2, 0.5])
+    postures = arm.inverse_kinematics(arm.forward_kinematics(near), near=near)
+    np.testing.assert_array_equal(postures[0], near)
+    changes = np.abs(postures - near).sum(axis=1)
+    assert (np.diff(changes) >= 0.0).all()
