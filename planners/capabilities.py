@@ -156,7 +156,7 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
 
 
 def capability_rows() -> list[tuple[str, str, str, str, str, str, str]]:
-    """Of every variant and kind of target it takes: planner, variant, target, links, obstacles, limits kept, arrival."""
+    """Of each variant and target: planner, variant, target, links, obstacles, limits kept, arrival."""
     return [
         (
             entry.planner,
