@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from planners.files import whole_file
 from planners.problem import FixedHand, FixedJoints, MotionProblem, MovingHand, Obstacle, Target
-from planners.robot.arm_files import arm_document, limits_document, load_arm, load_limits
+from planners.robot.arm_files import arm_document, load_arm
 from planners.typing import Array
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def problem_document(problem: MotionProblem) -> dict[str, Any]:
     goal = {name: np.asarray(value).tolist() for name, value in vars(target).items() if value is not None}
     return {
         "arm": arm_document(problem.arm),
-        "limits": limits_document(problem.joint_limits),
+        "limits": arm_document(replace(problem.arm, limits=problem.joint_limits))["limits"],
         **dict(zip(("q", "qd", "qdd"), (values.tolist() for values in problem.start), strict=True)),
         "target": {"kind": type(target).__name__, **goal},
         "horizon": problem.horizon,
@@ -97,7 +98,7 @@ def problem_of(document: Mapping[str, Any]) -> MotionProblem:
         document["horizon"],
         qd=document["qd"],
         qdd=document["qdd"],
-        limits=load_limits(document["limits"], arm.n_joints),
+        limits=load_arm({**document["arm"], "limits": document["limits"]}).limits,
         obstacles=tuple(Obstacle(_vector(row[:2]), _vector(row[2:4]), row[4]) for row in document["obstacles"]),
         payload=document["payload"],
     )
