@@ -10,9 +10,7 @@ from agents.training.vec_env import NativeVecEnv
 from envs.observation import Layout
 
 
-def make_model(
-    config: TrainingConfig, env: NativeVecEnv, layout: Layout, device: str = "cpu"
-) -> SegmentedPPO | SegmentedSAC | SegmentedTD3:
+def make_model(config: TrainingConfig, env: NativeVecEnv, layout: Layout, device: str = "cpu") -> Segmented:
     """The algorithm of a recipe with networks at random, on a device of PyTorch."""
     match config:
         case PPOConfig():
