@@ -18,6 +18,7 @@ from planners.problem import (
     Trajectory,
 )
 from planners.robot.arm import Arm, JointLimits
+from planners.robot.arm_files import arm_document, arm_names, load_arm
 from planners.robot.kinematics import UnreachableTarget
 from planners.robot.presets import PLANAR_3R, SCARA_1M, SCARA_50CM
 
@@ -36,9 +37,12 @@ __all__ = [
     "Trajectory",
     "UnreachableTarget",
     "apf",
+    "arm_document",
+    "arm_names",
     "control",
     "dpct",
     "lagrange",
+    "load_arm",
     "quintic",
     "trapezoid",
 ]

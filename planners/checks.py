@@ -1,8 +1,10 @@
-"""Checks of given numbers, with errors that say what is allowed."""
+"""Checks of given numbers and names, with errors that say what is allowed."""
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable
 from typing import Literal
 
 Sign = Literal["", "positive", "not negative"]
@@ -20,3 +22,17 @@ def require_vector(name: str, values: tuple[float, ...], length: int) -> None:
     """Raise ValueError if these are not so many finite numbers."""
     if len(values) != length or not all(math.isfinite(value) for value in values):
         raise ValueError(f"{name} {values} must be {length} finite numbers")
+
+
+class UnknownName(ValueError, TypeError):
+    """A name that is not known: an unexpected keyword (a TypeError) with a bad value (a ValueError)."""
+
+
+def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
+    """Raise `UnknownName` if a given name is not known, with the nearest known name."""
+    names = sorted(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+            hint = f'; did you mean "{near[0]}"?' if near else ""
+            raise UnknownName(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
