@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from envs.settings import Settings, refuse_unknown
+from planners.documents import parse_yaml, read_document
 
 SettingsType = TypeVar("SettingsType", bound=Settings)
 SHIPPED = Path(__file__).parent.parent / "configs"  # folder of the configurations that come with planarm
@@ -25,20 +24,15 @@ def load_config(source: str, settings: type[SettingsType]) -> SettingsType:
     Raises:
         ValueError: if there is no such file, it is no YAML, or a name or value in it is not known.
     """
-    try:
-        content = yaml.safe_load(_find(source).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"cannot read {source}: {error}") from None
-    except yaml.YAMLError as error:
-        raise ValueError(f"{source} is no YAML: {' '.join(str(error).split())}") from None
+    content = read_document(_find(source))
     if not isinstance(content, dict):
         raise ValueError(f"{source} must hold names and values, not {content!r}")
     return settings.parse(content, f"{source} setting")
 
 
 def shipped_configs() -> list[str]:
-    """Names of the configurations that come with planarm, those in folders as ``ppo/ConveyorTrack-v0``."""
-    files = SHIPPED.rglob(f"*{_SUFFIX}")
+    """Names of the configurations that come with planarm, those in folders as ``ppo/ConveyorTrack-v0``; no arms."""
+    files = (file for file in SHIPPED.rglob(f"*{_SUFFIX}") if file.parent.name != "arms")
     return sorted(file.relative_to(SHIPPED).as_posix().removesuffix(_SUFFIX) for file in files)
 
 
@@ -58,8 +52,8 @@ def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, A
         if not equals or not key:
             raise ValueError(f'"{change}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
+            value = parse_yaml(text, change)
+        except ValueError:
             raise ValueError(f'"{change}": {text!r} is no YAML value') from None
         _assign(answer, key.split("."), value)
     return answer

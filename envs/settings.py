@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
@@ -13,14 +12,13 @@ from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
+from planners.checks import UnknownName as UnknownName
+from planners.checks import refuse_unknown as refuse_unknown
+
 _UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
 """A unit at the end of the first clause of a description, as in "time of one step, s; ..."."""
 _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _WORDS = {int: "integer", float: "number", str: "text", bool: "true or false", type(None): "null", Any: "value"}
-
-
-class UnknownName(ValueError, TypeError):
-    """A name that is not known: an unexpected keyword (a TypeError) with a bad value (a ValueError)."""
 
 
 class Settings(BaseModel):
@@ -95,16 +93,6 @@ def _complaint(error: Mapping[str, Any]) -> str:
     if error["type"] == "value_error" and isinstance(error["input"], Mapping):
         return f"{place}: {error['ctx']['error']}"
     return f"{place} = {error['input']!r}: {error['msg']}"
-
-
-def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
-    """Raise `UnknownName` if a given name is not known, with the nearest known name."""
-    names = sorted(known)
-    for name in given:
-        if name not in names:
-            near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-            hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise UnknownName(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
 
 
 def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:

@@ -11,6 +11,7 @@ from planners.capabilities import plan, register
 from planners.compile_cache import drop_stale
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.robot.arm import Arm, JointLimits
+from planners.robot.arm_files import arm_document, arm_names, load_arm
 from planners.robot.kinematics import UnreachableTarget
 from planners.robot.presets import PLANAR_3R, SCARA_1M, SCARA_50CM
 from planners.trajectory import Trajectory, sampled_trajectory
@@ -30,9 +31,12 @@ __all__ = [
     "Trajectory",
     "UnreachableTarget",
     "apf",
+    "arm_document",
+    "arm_names",
     "control",
     "dpct",
     "lagrange",
+    "load_arm",
     "plan",
     "quintic",
     "register",

@@ -1,7 +1,8 @@
-"""Checks of given numbers, with errors that say what is allowed."""
+"""Checks of given numbers and names, with errors that say what is allowed."""
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable
 from typing import Literal
@@ -27,3 +28,17 @@ def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError if an option is none of those allowed."""
     if value not in allowed:
         raise ValueError(f"{name} {value!r} must be one of {', '.join(map(repr, allowed))}")
+
+
+class UnknownName(ValueError, TypeError):
+    """A name that is not known: an unexpected keyword (a TypeError) with a bad value (a ValueError)."""
+
+
+def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> None:
+    """Raise `UnknownName` if a given name is not known, with the nearest known name."""
+    names = sorted(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+            hint = f'; did you mean "{near[0]}"?' if near else ""
+            raise UnknownName(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')

@@ -81,7 +81,9 @@ def chosen_metrics(curves: Sequence[Curve], names: Sequence[str]) -> list[Metric
     card, columns = card_of(curves[0].config.env), curves[0].columns
     known = {metric.key: metric for metric in (*COMMON, *card.metrics)}
     wanted = names or [metric.key for metric in (*COMMON, *([card.primary] if card.primary else []))]
-    refuse_unknown(wanted, (name for name in columns if f"expert_{name}" in columns), "metric")
+    described = ("steps", "seconds")
+    scores = (name for name in columns if name not in described and not name.startswith("expert_"))
+    refuse_unknown(wanted, scores, "metric")
     return [known.get(name, Metric(name, name.replace("_", " "))) for name in wanted]
 
 
@@ -90,7 +92,7 @@ def final_scores(title: str, groups: Groups, metrics: Sequence[Metric]) -> Table
     rows = [(label, *_group_cells(curves, metrics)) for label, curves in groups.items()]
     everything = [curve for curves in groups.values() for curve in curves]
     experts = []
-    for curve in everything:
+    for curve in (curve for curve in everything if curve.expert):
         scores = (metric.factor * curve.columns[f"expert_{metric.key}"][-1] for metric in metrics)
         experts.append((f"{curve.expert} (expert)", *[""] * 4, *map(short_text, scores)))
     titles = [f"final {metric.title}" for metric in metrics]

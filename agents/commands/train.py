@@ -109,8 +109,10 @@ def _train_with_bar(training: TrainingRun) -> bool:
 
 
 def _scores(row: Row) -> str:
-    """The agent's success and return, beside the best expert's on the same seeds."""
-    expert = row["expert"]
+    """The agent's success and return, beside the best baseline's on the same seeds if there is one."""
+    expert = row.get("expert")
+    if expert is None:
+        return f"success {row['success']:.0%}, return {row['return']:.3f}"
     return (
         f"success {row['success']:.0%} ({expert} {row['expert_success']:.0%}), "
         f"return {row['return']:.3f} ({expert} {row['expert_return']:.3f})"

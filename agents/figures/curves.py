@@ -84,7 +84,11 @@ def _draw_group(axes: Axes, label: str, curves: Sequence[Curve], metric: Metric,
 def _draw_experts(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
     """A dashed line for each value of a best expert; runs evaluated on the same episodes share one."""
     ink = rgb(palette.INK)
-    levels = {(curve.expert, metric.factor * float(curve.columns[f"expert_{metric.key}"][-1])) for curve in curves}
+    levels = {
+        (curve.expert, metric.factor * float(curve.columns[f"expert_{metric.key}"][-1]))
+        for curve in curves
+        if curve.expert
+    }
     names = " or ".join(sorted({name for name, _ in levels}))
     for number, (_, level) in enumerate(sorted(levels)):
         if np.isfinite(level):

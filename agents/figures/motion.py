@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def animate(trajectory: Trajectory, path: Path, *, fps: int, width: int) -> None
     torques = np.stack([np.interp(times, trajectory.t, tau) for tau in trajectory.tau.T], axis=1)
     for index, time in enumerate(times.tolist()):
         scene = _scene(trajectory, time, joints[: index + 1], torques[index])
-        film.take(time, lambda scene=scene: renderer.draw(scene), last=index == len(times) - 1)
+        film.take(time, partial(renderer.draw, scene), last=index == len(times) - 1)
     renderer.close()
     film.write(path)
 

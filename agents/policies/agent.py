@@ -1,8 +1,8 @@
-"""Trained agents: a small network in NumPy with Stable-Baselines3's `predict`."""
+"""Trained agents: a small network with Stable-Baselines3's `predict`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,17 +17,10 @@ from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
 from planners import Arm
+from planners.control.network import ACTIVATIONS, Network, Tensors, tanh
 
 Actions = NDArray[np.float32]
-Tensors = Mapping[str, NDArray[Any]]
 
-
-def _relu(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.maximum(values, np.float32(0.0))
-
-
-ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {"tanh": np.tanh, "relu": _relu}
-"""Activation functions between the layers."""
 ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that define what an action means and do not change the task."""
 FORMAT, SQUASHED_FORMAT = 1, 2
@@ -110,21 +103,24 @@ class Agent:
             raise ValueError(
                 f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
             )
-        actions, features = self._mean(batch)
-        log_std = None if deterministic else self._log_std(features)
+        n = self.tensors[f"layer{len(self.document['hidden'])}.bias"].size
+        outputs = self._network.run(np.ascontiguousarray(batch))
+        actions: Actions = outputs[:, :n]
+        log_std = None if deterministic else self._log_std(outputs[:, n:])
         if log_std is not None:
             actions += np.exp(log_std) * self.generator.standard_normal(actions.shape, dtype=np.float32)
-        bounded: Actions = np.tanh(actions) if self.squashed else np.clip(actions, np.float32(-1.0), np.float32(1.0))
+        bounded: Actions = np.clip(tanh(actions) if self.squashed else actions, np.float32(-1.0), np.float32(1.0))
         return (bounded[0] if np.ndim(observation) == 1 else bounded), None
 
-    def _log_std(self, features: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Logarithm of the standard deviation of the actions, from the last hidden layer; None for no noise."""
+    def _log_std(self, own: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Logarithm of the standard deviation of the actions; None for no noise.
+
+        ``own`` are the outputs of the network behind the mean, of agents that have them.
+        """
         if not self.squashed:
             log_std: NDArray[np.float32] = self.tensors["log_std"]
             return log_std
-        if "log_std.weight" not in self.tensors:
-            return None
-        return np.clip(features @ self.tensors["log_std.weight"].T + self.tensors["log_std.bias"], *_LOG_STD_RANGE)
+        return np.clip(own, *_LOG_STD_RANGE) if own.size else None
 
     def check_env(self, env: Any) -> None:
         """Raise a ValueError for an environment, single or vector, other than those that it was trained for.
@@ -155,16 +151,18 @@ class Agent:
             task: Task = env.unwrapped.task  # type: ignore[attr-defined]
             return task
 
-    def _mean(self, batch: Observation) -> tuple[Actions, NDArray[np.float32]]:
-        """Mean actions before they are bounded, ``(num_envs, n)``, and the last hidden layer's values."""
-        tensors, activation = self.tensors, ACTIVATIONS[self.document["activation"]]
-        fine = np.tanh(batch[:, tensors["fine.index"]] * tensors["fine.gain"])
-        values = np.concatenate([batch, fine], axis=1)
-        last = len(self.document["hidden"])
-        for layer in range(last):
-            values = activation(values @ tensors[f"layer{layer}.weight"].T + tensors[f"layer{layer}.bias"])
-        means: Actions = values @ tensors[f"layer{last}.weight"].T + tensors[f"layer{last}.bias"]
-        return means, values
+    @cached_property
+    def _network(self) -> Network:
+        """The mean actions before they are bounded; behind them, where there are any, the network's own log_std."""
+        layers = [
+            (self.tensors[f"layer{layer}.weight"], self.tensors[f"layer{layer}.bias"])
+            for layer in range(len(self.document["hidden"]) + 1)
+        ]
+        if "log_std.weight" in self.tensors:
+            weight, bias = layers[-1]
+            own = self.tensors["log_std.weight"], self.tensors["log_std.bias"]
+            layers[-1] = np.concatenate([weight, own[0]]), np.concatenate([bias, own[1]])
+        return Network.pack(self.tensors, layers, self.document["activation"])
 
 
 def _in_words(arm: Arm) -> str:

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.training.gradient_steps import Minibatch, gradient_steps
-from agents.training.recipe import Amortisation, TrainingConfig
+from agents.training.recipe import Amortisation, PPOConfig
 from envs.min_torque_move.env import MinTorqueMove
 from envs.min_torque_move.kernels import SHAPE_SCALE
 from planners.motion.time_laws import SHAPES, quintic, shape_functions
@@ -85,9 +85,7 @@ class MoveCost:
         return moment.flip(-1).cumsum(-1).flip(-1)
 
 
-def amortise(
-    policy: Any, config: TrainingConfig, seed: int, progress: Callable[[str], bool] = lambda line: True
-) -> bool:
+def amortise(policy: Any, config: PPOConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
     """Fit the mean action of a policy of PPO to the least cost of the motions; whether it was completed.
 
     ``seed`` is of the first move and of the order of the moves. ``progress`` is called with a line after every
@@ -122,7 +120,7 @@ def amortise(
     return True
 
 
-def _moves(config: TrainingConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
+def _moves(config: PPOConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
     """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
     with closing(gym.make_vec(config.env, num_envs=_N_ENVS, **config.env_config)) as env:
         task = env.unwrapped.task  # type: ignore[attr-defined]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,14 @@ from typing import Any
 import torch
 import yaml
 
-from agents.policies.agent import FORMAT, Agent
+from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from agents.policies.files import describe_layout, layout_of, save_agent
 from agents.provenance import machine, versions
+from agents.training.algorithms.segmented import Segmented
+from agents.training.devices import described
 from agents.training.learning_curves import Row, merit
-from agents.training.ppo import SegmentedPPO, agent_tensors
-from agents.training.recipe import TrainingConfig
+from agents.training.recipe import OffPolicyConfig, TrainingConfig
+from agents.training.replay import load_replay, save_replay
 from planners.files import whole_file, write_json, write_text
 
 RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
@@ -32,23 +35,39 @@ class RunState:
 
 
 def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
-    """Write what a run starts from: its settings, and the command, versions and machine.
+    """Write what a run starts from: its settings, and the command, versions, machine and device.
 
     Raises:
         ValueError: if the folder is not empty.
     """
     if folder.exists() and any(folder.iterdir()):
         raise ValueError(f"{folder} is not empty: choose another --out, or continue the run there: --resume {folder}")
-    origin = {"command": command, "seed": config.seed}
-    write_json(folder / "run.json", {**origin, "versions": versions(RL_DISTRIBUTIONS), "machine": machine()})
-    write_text(folder / "config.yaml", yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False))
+    settings = config.model_dump(mode="json")
+    origin = {"command": command, "seed": config.seed, "versions": versions(RL_DISTRIBUTIONS)}
+    write_json(folder / "run.json", {**origin, "machine": {**machine(), **described(config)}, "config": settings})
+    write_text(folder / "config.yaml", yaml.safe_dump(settings, sort_keys=False))
 
 
-def make_agent(model: SegmentedPPO, seconds: float, scores: dict[str, float] | None = None) -> Agent:
+def check_origin(folder: Path, config: TrainingConfig) -> None:
+    """Raise a ValueError if a run's settings are not those that it began with; device and threads may change."""
+    try:
+        began = json.loads((folder / "run.json").read_text(encoding="utf-8")).get("config")
+    except (OSError, ValueError, AttributeError) as error:
+        raise ValueError(f"cannot read {folder / 'run.json'}: {error}") from None
+    now = config.model_dump(mode="json")
+    changed = [name for name in now if began is not None and now[name] != began.get(name)]
+    if changed := [name for name in changed if name not in ("device", "threads")]:
+        raise ValueError(
+            f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed)}): a run keeps its "
+            "settings; restore them (run.json has them), or begin another run"
+        )
+
+
+def make_agent(model: Segmented, seconds: float, scores: dict[str, float] | None = None) -> Agent:
     """The agent that a model has become after ``seconds`` of training, with its scores if they are known."""
     config = model.config
     document = {
-        "format": FORMAT,
+        "format": SQUASHED_FORMAT if model.squashed else FORMAT,
         "env": config.env,
         "env_config": config.env_config,
         **describe_layout(layout_of(config.env, config.env_config)),
@@ -62,10 +81,10 @@ def make_agent(model: SegmentedPPO, seconds: float, scores: dict[str, float] | N
         },
         "versions": versions(RL_DISTRIBUTIONS),
     }
-    return Agent({**document, **({} if scores is None else {"scores": scores})}, agent_tensors(model.policy))
+    return Agent({**document, **({} if scores is None else {"scores": scores})}, model.actor_tensors())
 
 
-def save_checkpoint(folder: Path, model: SegmentedPPO, state: RunState, agent: Agent) -> None:
+def save_checkpoint(folder: Path, model: Segmented, state: RunState, agent: Agent) -> None:
     """Write the agent of the last row of ``state``, the metrics and, last, the checkpoint that ends the segment."""
     save_agent(agent, folder / "last.safetensors")
     *before, row = map(merit, state.rows)
@@ -77,24 +96,68 @@ def save_checkpoint(folder: Path, model: SegmentedPPO, state: RunState, agent: A
     writer.writerows(state.rows)
     write_text(folder / "metrics.csv", text.getvalue())
     content = {
-        "policy": model.policy.state_dict(),
-        "optimizer": model.policy.optimizer.state_dict(),
+        "parameters": model.get_parameters(),
+        "variables": {name: getattr(model, name).detach().clone() for name in _variables(model)},
         "steps": state.steps,
         "updates": model._n_updates,
         "seconds": state.seconds,
         "rows": state.rows,
     }
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        content["replay"] = f"replay-{state.steps}.npz"
+        save_replay(folder / content["replay"], buffer)
     with whole_file(folder / "checkpoint.pt") as draft:
         torch.save(content, draft)
+    for path in folder.glob("replay-*.npz"):
+        if path.name != content.get("replay"):
+            path.unlink()
 
 
-def load_checkpoint(folder: Path, model: SegmentedPPO) -> RunState:
-    """Restore networks and optimizer from a run's checkpoint, if there is one; the state of the run."""
+def load_checkpoint(folder: Path, model: Segmented) -> RunState:
+    """Restore the networks, their optimizers and the replay buffer from a run's checkpoint, if there is one.
+
+    Returns:
+        The state of the run.
+
+    Raises:
+        ValueError: if the checkpoint is damaged or of another run. No code in it is run.
+    """
     path = folder / "checkpoint.pt"
     if not path.exists():
         return RunState()
-    content: dict[str, Any] = torch.load(path, weights_only=True)
-    model.policy.load_state_dict(content["policy"])
-    model.policy.optimizer.load_state_dict(content["optimizer"])
-    model.num_timesteps, model._n_updates = content["steps"], content["updates"]
-    return RunState(content["steps"], content["seconds"], content["rows"])
+    try:
+        content: dict[str, Any] = torch.load(path, weights_only=True, map_location=model.device)
+        parameters = {name: dict(content["parameters"][name]) for name in model._get_torch_save_params()[0]}
+        model.set_parameters(parameters, exact_match=True, device=model.device)
+        for name in _variables(model):
+            getattr(model, name).data.copy_(content["variables"][name])
+        model.num_timesteps, model._n_updates = int(content["steps"]), int(content["updates"])
+        state = RunState(model.num_timesteps, float(content["seconds"]), _checked(content["rows"]))
+    except OSError as error:
+        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+    except Exception as error:  # a damaged file can fail in any way
+        raise ValueError(
+            f"{path} is damaged, or no checkpoint of this run ({type(error).__name__}); restore it, or delete it to "
+            "begin again"
+        ) from None
+    if isinstance(model.config, OffPolicyConfig):
+        load_replay(folder / Path(str(content["replay"])).name, model.replay_buffer)
+    return state
+
+
+def _checked(rows: Any) -> list[Row]:
+    """Rows of metrics.csv from a checkpoint; another kind of content is a TypeError, KeyError or ValueError."""
+    for row in rows:
+        merit(row)
+        if row.keys() != rows[0].keys() or not all(isinstance(name, str) for name in row):
+            raise ValueError("rows of different columns")
+        for name, value in row.items():
+            if name != "expert" and not isinstance(value, (int, float)):
+                raise TypeError(f"{name} is no number")
+    return [dict(row) for row in rows]
+
+
+def _variables(model: Segmented) -> list[str]:
+    """Names of the tensors of a model outside its networks: the entropy weight of SAC."""
+    return list(model._get_torch_save_params()[1])

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 import envs
 from agents.training.gradient_steps import Minibatch, gradient_steps
-from agents.training.recipe import TrainingConfig, WarmStart
+from agents.training.recipe import PPOConfig, WarmStart
 from planners.typing import Array
 
 
-def dagger(policy: Any, config: TrainingConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
+def dagger(policy: Any, config: PPOConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
     """Fit the mean action of a policy to an expert's, and its value to the returns of the fitted policy.
 
     The expert acts in the first iteration, which is behaviour cloning, and the policy in the later ones. The expert

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.training.recipe import TrainingConfig
+from agents.training.recipe import RECIPES, TrainingConfig
 from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
 Row = dict[str, Any]  # a row of metrics.csv, by column
+BY_START = "warm_start"  # groups by what a run begins with, and by its algorithm
 Groups = dict[str, list["Curve"]]  # curves by the label of their group
 
 
@@ -26,7 +27,7 @@ class Curve:
 
     folder: Path
     config: TrainingConfig
-    expert: str  # name of the best expert on the same episodes
+    expert: str  # name of the best expert on the same episodes; "" if the run has no baselines
     columns: dict[str, Array]  # numbers of metrics.csv, ``(checkpoints,)`` each; +inf: never
 
     @property
@@ -60,9 +61,9 @@ def read_curve(folder: Path) -> Curve:
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"cannot read {path}, which a run writes at its first evaluation: {error}") from None
     try:
-        expert = rows[0]["expert"]
+        expert = rows[0].get("expert", "")
         columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "expert"}
-        for name in ("steps", "seconds", "success", "return", "expert_success", "expert_return"):
+        for name in ("steps", "seconds", "success", "return", *(("expert_success", "expert_return") if expert else ())):
             columns[name]  # a KeyError if it is missing
     except (IndexError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is damaged: {type(error).__name__} {error}") from None
@@ -89,7 +90,7 @@ def check_alike(curves: Sequence[Curve]) -> None:
 def grouped(curves: Sequence[Curve], key: str) -> Groups:
     """Curves by the value of a setting in their configurations; a ValueError if no run has such a setting."""
     settings = [_settings(curve.config) for curve in curves]
-    refuse_unknown([key], set().union(*settings), "setting to group by")
+    refuse_unknown([key], {BY_START}.union(*settings), "setting to group by")
     groups: Groups = {}
     for curve, values in zip(curves, settings, strict=True):
         groups.setdefault(_label(key, values), []).append(curve)
@@ -124,11 +125,14 @@ def _flat(settings: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]
 
 
 def _label(key: str, settings: Mapping[str, Any]) -> str:
-    if key != "warm_start":
+    if key != BY_START:
         return f"{key}={_text(settings.get(key))}"
-    if settings["warm_start"]:
-        return f"cloning {settings['warm_start']['expert']}, then PPO"
-    return "fitting to the cost, then PPO" if settings["amortise"] else "PPO alone"
+    title = RECIPES[settings["algorithm"]].title
+    if settings.get("warm_start"):
+        return f"cloning {settings['warm_start']['expert']}, then {title}"
+    if settings.get("demonstrations"):
+        return f"demonstrations of {settings['demonstrations']['expert']}, then {title}"
+    return f"fitting to the cost, then {title}" if settings.get("amortise") else f"{title} alone"
 
 
 def _text(value: Any) -> str:

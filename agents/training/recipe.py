@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Literal, Self
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field
 
 from agents.yaml_config import assigned
-from envs.settings import Settings
+from envs.settings import Settings, refuse_unknown
+
+Device = Literal["auto", "cpu", "cuda"]
+Width = Annotated[int, Field(ge=1)]  # of a layer
 
 EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
 
@@ -49,65 +52,77 @@ class Amortisation(Settings):
     learning_rate: float = Field(1e-3, gt=0.0)
 
 
-class TrainingConfig(Settings):
-    """PPO on one environment.
+class Demonstrations(Settings):
+    """Episodes of an expert for a replay buffer.
 
     Attributes:
-        env: id of the environment.
+        expert: its name.
+        episodes: number of episodes.
+    """
+
+    expert: str
+    episodes: int = Field(64, ge=1)
+
+
+class TrainingConfig(Settings):
+    """Settings of a training run with any algorithm; `parse` gives those of the algorithm that is named.
+
+    Attributes:
+        algorithm: of Stable-Baselines3.
+        env: id of the environment; ``module:Name-v0`` imports the module first, which registers it.
         env_config: its settings.
         seed: of all random numbers.
+        device: where the networks are trained; ``auto`` is cuda where PyTorch finds it, for large minibatches.
+        threads: of PyTorch; ``auto`` is one for small minibatches or few processors.
         total_steps: control steps of all environments together.
         num_envs: environments stepped at once.
         rollout_steps: control steps an environment takes between two updates.
         batch_size: samples in a minibatch.
-        epochs: passes over the samples at each update.
         learning_rate, final_learning_rate: at the start and at the end, linear between.
         gamma: discount of a control step.
-        gae_lambda: of the generalised advantage estimate.
-        clip_range: of the ratio of probabilities.
-        entropy_weight, value_weight: of the entropy bonus and of the value's loss.
-        max_grad_norm: a longer gradient is scaled down to this norm.
-        log_std: logarithm of the actions' standard deviation at the start.
-        final_log_std: at the end, linear between; if left out, it is learned.
-        hidden: widths of the hidden layers, of policy and value alike.
+        hidden: widths of the hidden layers, of actor and critic alike.
         activation: between them.
         fine: gain by entry of the observation; the networks also see tanh(gain * entry), which magnifies small values.
-        warm_start: DAgger with an expert before PPO.
-        amortise: fit to the cost of motions before PPO.
-        whole_episodes: the policy acts once an episode; steps then count episodes.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
         baselines: experts; the best of them on the same seeds is reported beside the agent. If left out, all that the
-            task's card names.
+            task's card names; none if empty.
     """
 
+    title: ClassVar[str]  # the algorithm's name in prose
+    algorithm: Literal["ppo", "sac", "td3"] = "ppo"
     env: str
     env_config: dict[str, Any] = Field(default_factory=dict)
     seed: int = Field(0, ge=0)
+    device: Device = "auto"
+    threads: Literal["auto"] | Annotated[int, Field(ge=1)] = "auto"
     total_steps: int = Field(3_000_000, ge=1)
     num_envs: int = Field(128, ge=1)
     rollout_steps: int = Field(150, ge=2)
     batch_size: int = Field(2400, ge=2)
-    epochs: int = Field(8, ge=1)
     learning_rate: float = Field(1e-3, gt=0.0)
     final_learning_rate: float = Field(1e-5, gt=0.0)
     gamma: float = Field(0.98, gt=0.0, le=1.0)
-    gae_lambda: float = Field(0.95, ge=0.0, le=1.0)
-    clip_range: float = Field(0.2, gt=0.0)
-    entropy_weight: float = Field(0.0, ge=0.0)
-    value_weight: float = Field(0.5, ge=0.0)
-    max_grad_norm: float = Field(0.5, gt=0.0)
-    log_std: float = -1.0
-    final_log_std: float | None = None
-    hidden: tuple[int, ...] = Field((64, 64), min_length=1)
+    hidden: tuple[Width, ...] = Field((64, 64), min_length=1)
     activation: Literal["tanh", "relu"] = "tanh"
     fine: dict[str, float] = Field(default_factory=dict)
-    warm_start: WarmStart | None = None
-    amortise: Amortisation | None = None
-    whole_episodes: bool = False
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
-    baselines: tuple[str, ...] | None = Field(None, min_length=1)
+    baselines: tuple[str, ...] | None = None
+
+    @classmethod
+    def parse(cls, given: Mapping[str, Any], what: str) -> Self:
+        """Settings of the algorithm that ``given`` names, PPO if none; see `Settings.parse`."""
+        if cls is not TrainingConfig:
+            return super().parse(given, what)
+        name = given.get("algorithm", "ppo")
+        refuse_unknown([str(name)], RECIPES, "algorithm")
+        return cast(Self, RECIPES[str(name)].parse(given, what))
+
+    @property
+    def teacher(self) -> WarmStart | Demonstrations | None:
+        """What the run takes from an expert before it trains, if anything."""
+        return None
 
     @property
     def segment_steps(self) -> int:
@@ -115,6 +130,117 @@ class TrainingConfig(Settings):
         rollout = self.num_envs * self.rollout_steps
         return -(-self.checkpoint_steps // rollout) * rollout
 
-    def overridden(self, changes: Iterable[str]) -> Self:
-        """These settings with some changed as by `agents.yaml_config.assigned`; an impossible one is a ValueError."""
-        return self.parse(assigned(self.model_dump(), changes), "training setting")
+    def overridden(self, changes: Iterable[str]) -> TrainingConfig:
+        """These settings with some changed as by `agents.yaml_config.assigned`; an impossible one is a ValueError.
+
+        Where the algorithm changes, settings that were left out have the other algorithm's defaults.
+        """
+        return TrainingConfig.parse(assigned(self.model_dump(exclude_unset=True), changes), "training setting")
+
+
+class PPOConfig(TrainingConfig):
+    """Settings of PPO beside those of every algorithm.
+
+    Attributes:
+        epochs: passes over the samples at each update.
+        gae_lambda: of the generalised advantage estimate.
+        clip_range: of the ratio of probabilities.
+        entropy_weight, value_weight: of the entropy bonus and of the value's loss.
+        max_grad_norm: a longer gradient is scaled down to this norm.
+        log_std: logarithm of the actions' standard deviation at the start.
+        final_log_std: at the end, linear between; if left out, it is learned.
+        warm_start: DAgger with an expert before PPO.
+        amortise: fit to the cost of motions before PPO.
+        whole_episodes: the policy acts once an episode; steps then count episodes.
+    """
+
+    title: ClassVar[str] = "PPO"
+    algorithm: Literal["ppo"] = "ppo"
+    epochs: int = Field(8, ge=1)
+    gae_lambda: float = Field(0.95, ge=0.0, le=1.0)
+    clip_range: float = Field(0.2, gt=0.0)
+    entropy_weight: float = Field(0.0, ge=0.0)
+    value_weight: float = Field(0.5, ge=0.0)
+    max_grad_norm: float = Field(0.5, gt=0.0)
+    log_std: float = -1.0
+    final_log_std: float | None = None
+    warm_start: WarmStart | None = None
+    amortise: Amortisation | None = None
+    whole_episodes: bool = False
+
+    @property
+    def teacher(self) -> WarmStart | Demonstrations | None:
+        """What the run takes from an expert before it trains, if anything."""
+        return self.warm_start
+
+
+class OffPolicyConfig(TrainingConfig):
+    """Settings that SAC and TD3 share beside those of every algorithm.
+
+    Attributes:
+        num_envs: environments stepped at once.
+        rollout_steps: control steps an environment takes between two updates.
+        gradient_steps: minibatches at each update.
+        batch_size: samples in a minibatch.
+        learning_rate, final_learning_rate: at the start and at the end, linear between.
+        activation: between the hidden layers.
+        buffer_size: transitions in the replay buffer, which is part of every checkpoint.
+        learning_starts: control steps with random actions before the first update.
+        demonstrations: episodes of an expert with which the replay buffer begins.
+        tau: share of the networks that the target networks take over at each gradient step.
+        total_steps: control steps of all environments together.
+    """
+
+    total_steps: int = Field(300_000, ge=1)
+    num_envs: int = Field(16, ge=1)
+    rollout_steps: int = Field(1, ge=1)
+    gradient_steps: int = Field(8, ge=1)
+    batch_size: int = Field(256, ge=2)
+    learning_rate: float = Field(1e-3, gt=0.0)
+    final_learning_rate: float = Field(1e-4, gt=0.0)
+    activation: Literal["tanh", "relu"] = "relu"
+    buffer_size: int = Field(300_000, ge=1, le=20_000_000)
+    learning_starts: int = Field(5_000, ge=0)
+    demonstrations: Demonstrations | None = None
+    tau: float = Field(0.005, gt=0.0, le=1.0)
+
+    @property
+    def teacher(self) -> WarmStart | Demonstrations | None:
+        """What the run takes from an expert before it trains, if anything."""
+        return self.demonstrations
+
+
+class SACConfig(OffPolicyConfig):
+    """Settings of SAC beside those of every algorithm.
+
+    Attributes:
+        entropy_weight: of the entropy in the objective; ``auto`` learns it.
+        target_entropy: of the actions, for ``entropy_weight: auto``; ``auto`` is minus their number.
+    """
+
+    title: ClassVar[str] = "SAC"
+    algorithm: Literal["sac"] = "sac"
+    entropy_weight: Literal["auto"] | Annotated[float, Field(ge=0.0)] = "auto"
+    target_entropy: Literal["auto"] | float = "auto"
+
+
+class TD3Config(OffPolicyConfig):
+    """Settings of TD3 beside those of every algorithm.
+
+    Attributes:
+        action_noise: standard deviation of the noise on the actions.
+        policy_delay: gradient steps of the critic for one of the actor.
+        target_noise: standard deviation of the noise on the target's actions.
+        target_noise_clip: largest noise on the target's actions.
+    """
+
+    title: ClassVar[str] = "TD3"
+    algorithm: Literal["td3"] = "td3"
+    action_noise: float = Field(0.1, ge=0.0)
+    policy_delay: int = Field(2, ge=1)
+    target_noise: float = Field(0.2, ge=0.0)
+    target_noise_clip: float = Field(0.5, ge=0.0)
+
+
+RECIPES: dict[str, type[PPOConfig | SACConfig | TD3Config]] = {"ppo": PPOConfig, "sac": SACConfig, "td3": TD3Config}
+"""The settings of each algorithm."""

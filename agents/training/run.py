@@ -1,4 +1,4 @@
-"""A training run: PPO in segments, with a checkpoint after each.
+"""A training run: an algorithm in segments, with a checkpoint after each.
 
 All state crosses a segment boundary through the checkpoint: every segment begins new episodes, and seeds all generators
 from the run's seed and the segment's number. A run that was stopped and resumed therefore ends bit for bit like one
@@ -14,18 +14,27 @@ from pathlib import Path
 from time import perf_counter
 
 import gymnasium as gym
-import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
 from agents.policies.files import layout_of, save_agent
+from agents.training import devices
+from agents.training.algorithms import make_model
+from agents.training.algorithms.segmented import Segmented, fine_elements
 from agents.training.amortise import amortise
-from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint, write_origin
+from agents.training.checkpoint import (
+    RunState,
+    check_origin,
+    load_checkpoint,
+    make_agent,
+    save_checkpoint,
+    write_origin,
+)
 from agents.training.dagger import dagger
 from agents.training.learning_curves import Row
-from agents.training.ppo import SegmentedPPO, fine_elements
-from agents.training.recipe import TrainingConfig
+from agents.training.recipe import OffPolicyConfig, PPOConfig, TrainingConfig
+from agents.training.replay import demonstrate
 from agents.training.scores import baseline_columns, score, score_baselines
 from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
@@ -60,23 +69,27 @@ class TrainingRun:
 
     @classmethod
     def begin(cls, folder: Path, config: TrainingConfig, command: str) -> TrainingRun:
-        """A new run in a new folder.
+        """A new run in a new folder, with the device and the threads that ``auto`` means here.
 
         Raises:
             ValueError: if the folder is not empty, or the configuration names something that does not exist.
         """
+        config = devices.resolved(config)
+        devices.use(config)
         fine_elements(config, layout_of(config.env, config.env_config))
         refuse_unknown(config.baselines or (), expert_names(config.env), "expert")
-        if config.warm_start:
+        if teacher := config.teacher:
             with closing(gym.make(config.env, **config.env_config)) as env:
-                envs.make_expert(config.warm_start.expert, env)
+                envs.make_expert(teacher.expert, env)
         write_origin(folder, config, command)
         return cls(folder, config)
 
     @classmethod
     def resume(cls, folder: Path) -> TrainingRun:
         """The run in a folder, as it was at its last checkpoint; a ValueError if there is none."""
-        return cls(folder, load_config(str(folder / "config.yaml"), TrainingConfig))
+        config = load_config(str(folder / "config.yaml"), TrainingConfig)
+        check_origin(folder, config)
+        return cls(folder, config)
 
     @property
     def steps(self) -> int:
@@ -90,55 +103,85 @@ class TrainingRun:
 
     def train(self, watcher: Watcher | None = None) -> bool:
         """Train until all steps are done or the watcher stops it; whether they are done."""
-        watcher = watcher or Watcher()
-        torch.set_num_threads(1)  # for so small a network, synchronising a second thread costs more than it saves
-        layout = layout_of(self.config.env, self.config.env_config)
-        batch = gym.make_vec(self.config.env, num_envs=self.config.num_envs, **self.config.env_config)
-        with closing(NativeVecEnv(WholeEpisodes(batch) if self.config.whole_episodes else batch)) as env:
-            model = SegmentedPPO(self.config, env, layout)
+        watcher, config = watcher or Watcher(), devices.resolved(self.config)
+        devices.use(config)
+        layout = layout_of(config.env, config.env_config)
+        with closing(self._environments()) as env:
+            model = make_model(config, env, layout, config.device)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self.state = load_checkpoint(self.folder, model)
             if self.state.rows:
                 baseline = baseline_columns(self.state.rows[0])
             else:
-                baseline = score_baselines(self.config, watcher.begin)
-                if not self._warm_start(model, baseline, watcher):
+                baseline = score_baselines(config, watcher.begin)
+                if not self._warm_start(model, env, baseline, watcher):
                     return False
             while not self.finished:
                 if not self._segment(model, env, baseline, watcher):
                     return False
         return True
 
-    def _warm_start(self, model: SegmentedPPO, baseline: Row, watcher: Watcher) -> bool:
+    def _environments(self) -> NativeVecEnv:
+        config = self.config
+        batch = gym.make_vec(config.env, num_envs=config.num_envs, **config.env_config)
+        return NativeVecEnv(WholeEpisodes(batch) if isinstance(config, PPOConfig) and config.whole_episodes else batch)
+
+    def _warm_start(self, model: Segmented, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
         """Run DAgger or amortise if configured, and write the first checkpoint; as `_segment`."""
-        before = perf_counter()
+        before, first = perf_counter(), env_seed(self.config.seed, 0)
         seed_everything(self.config.seed, 0)
-        for warm_start in (dagger, amortise):
-            if not warm_start(model.policy, self.config, env_seed(self.config.seed, 0), watcher.report):
+        if isinstance(self.config, PPOConfig):
+            for warm_start in (dagger, amortise):
+                if not warm_start(model.policy, self.config, first, watcher.report):
+                    return False
+        elif isinstance(self.config, OffPolicyConfig) and self.config.demonstrations:
+            env.seed(first)
+            if not demonstrate(self.config.demonstrations, env, model.replay_buffer, watcher.report):
                 return False
         self.state.seconds += perf_counter() - before
         self._checkpoint(model, baseline, watcher)
         return True
 
-    def _segment(self, model: SegmentedPPO, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
+    def _segment(self, model: Segmented, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
         """Train up to the next checkpoint and write it; False, without a checkpoint, if the watcher stopped it."""
         number, before = 1 + self.steps // self.config.segment_steps, perf_counter()
         seed_everything(self.config.seed, number)
         env.seed(env_seed(self.config.seed, number))
+        model.action_space.seed(env_seed(self.config.seed, number))  # random actions before SAC and TD3 learn
         model._last_obs = None  # so that learn begins with new episodes
         watcher.begin("training")
         goal = min(number * self.config.segment_steps, self.config.total_steps)
         callback = _WatcherCallback(watcher)
-        model.learn(goal - self.steps, callback=callback, log_interval=1, reset_num_timesteps=False)
+        try:
+            model.learn(goal - self.steps, callback=callback, log_interval=1, reset_num_timesteps=False)
+        except KeyboardInterrupt:
+            self._leave(model)
+            raise
+        except ValueError:  # torch and the environment refuse NaN, each with its own message
+            self._refuse_divergence(model)
+            raise
+        self._refuse_divergence(model)
         if callback.stopped:
-            save_agent(make_agent(model, self.state.seconds), self.folder / "last.safetensors")
+            self._leave(model)
             return False
         self.state.steps = model.num_timesteps
         self.state.seconds += perf_counter() - before
         self._checkpoint(model, baseline, watcher)
         return True
 
-    def _checkpoint(self, model: SegmentedPPO, baseline: Row, watcher: Watcher) -> None:
+    def _leave(self, model: Segmented) -> None:
+        """Write the agent as it is between two checkpoints."""
+        save_agent(make_agent(model, self.state.seconds), self.folder / "last.safetensors")
+
+    def _refuse_divergence(self, model: Segmented) -> None:
+        """Raise a ValueError if the networks hold NaN or infinite weights."""
+        if not model.finite():
+            raise ValueError(
+                f"training diverged between {self.steps:,} and {model.num_timesteps:,} steps: the weights are not "
+                "finite any more; begin again with a lower learning_rate, or smaller gains in fine"
+            )
+
+    def _checkpoint(self, model: Segmented, baseline: Row, watcher: Watcher) -> None:
         """Evaluate the agent and write everything."""
         watcher.begin("evaluating")
         state = self.state

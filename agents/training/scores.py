@@ -24,11 +24,16 @@ def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
 
 
 def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> Row:
-    """The columns of the best baseline: its name and its scores; ``begin`` is called with a line about each one."""
+    """The columns of the best baseline: its name and its scores; none without baselines.
+
+    ``begin`` is called with a line about each one.
+    """
     scores = {}
-    for name in config.baselines or expert_names(config.env):
+    for name in expert_names(config.env) if config.baselines is None else config.baselines:
         begin(f"evaluating {name}")
         scores[name] = score(name, config)
+    if not scores:
+        return {}
     best = max(scores, key=lambda name: merit(scores[name]))
     return {"expert": best, **{f"expert_{name}": value for name, value in scores[best].items()}}
 

@@ -157,6 +157,8 @@ def _frozen(values: Iterable[float]) -> Array:
 
 def is_number(value: Any) -> bool:
     """Whether a value is a single number, of Python or of NumPy."""
+    if isinstance(value, bool | np.bool_):
+        return False
     return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 
 

@@ -31,3 +31,6 @@ SCARA_50CM = Arm(
 )
 """Two uniform rods of 0.5 m and 2 kg in the horizontal plane: the arm of ObstacleDodge. Its planners
 use half of the acceleration limits; the other half is left for evading."""
+
+PRESETS = {arm.name: arm for arm in (SCARA_1M, PLANAR_3R, SCARA_50CM)}
+"""The arms of the papers by their names."""

@@ -214,3 +214,8 @@ def test_shipped_agents_score_what_their_json_says(name: str) -> None:
     assert now.success.mean() == pytest.approx(stored["success"], abs=0.01)
     assert now.returns.mean() == pytest.approx(stored["return"], abs=0.01)
     assert (now.metrics["limit_ratio"] <= 1.05).mean() >= 0.95
+
+
+def test_an_agents_score_does_not_depend_on_the_number_of_environments() -> None:
+    few, many = (evaluate("agent", ENV, range(12), num_envs=num_envs) for num_envs in (5, 256))
+    np.testing.assert_array_equal(few.returns, many.returns)

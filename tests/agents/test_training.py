@@ -25,8 +25,8 @@ import torch
 from agents import Agent, evaluate, load_agent
 from agents.cli import main
 from agents.policies.agent import FORMAT
+from agents.training.algorithms import make_model
 from agents.training.dagger import collect, dagger, returns_to_go
-from agents.training.ppo import SegmentedPPO, agent_tensors
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun, Watcher
 from agents.training.seeding import TRAINING_SEEDS, env_seed
@@ -100,7 +100,7 @@ def test_a_run_stopped_within_any_segment_goes_on_as_if_it_had_not_been(finished
     assert run.train()
     assert weights(folder) == weights(finished)
     before, after = (torch.load(one / "checkpoint.pt", weights_only=True) for one in (finished, folder))
-    assert str(before["optimizer"]) == str(after["optimizer"])
+    assert str(before["parameters"]) == str(after["parameters"])
     assert [row["return"] for row in before["rows"]] == [row["return"] for row in after["rows"]]
 
 
@@ -228,7 +228,7 @@ def test_what_a_run_leaves(finished: Path) -> None:
     about = json.loads((finished / "run.json").read_text())
     assert about["seed"] == 3
     assert {"torch", "stable-baselines3", "planarm"} <= set(about["versions"])
-    assert load_config(str(finished / "config.yaml"), TrainingConfig) == small()
+    assert load_config(str(finished / "config.yaml"), TrainingConfig) == small(device="cpu", threads=1)
     assert list((finished / "tensorboard").iterdir())
     best = max(rows, key=lambda row: (float(row["success"]), float(row["return"])))
     agent = load_agent(finished)
@@ -239,12 +239,12 @@ def test_what_a_run_leaves(finished: Path) -> None:
 
 def test_an_agent_acts_as_its_torch_network() -> None:
     env = NativeVecEnv(gym.make_vec(SMALL["env"], num_envs=4, **SMALL["env_config"]))
-    model = SegmentedPPO(small(hidden=[64, 64]), env, LAYOUT)
+    model = make_model(small(hidden=[64, 64]), env, LAYOUT)
     torch.manual_seed(0)
     for parameter in model.policy.parameters():
         parameter.data += 0.1 * torch.randn_like(parameter)
     document = {"format": FORMAT, "env": SMALL["env"], "env_config": {}, "activation": "tanh", "hidden": [64, 64]}
-    agent = Agent(document, agent_tensors(model.policy))
+    agent = Agent(document, model.actor_tensors())
     observations = np.random.default_rng(0).uniform(-2.0, 2.0, (500, LAYOUT.size)).astype(np.float32)
     expected = model.policy.predict(observations, deterministic=True)[0]
     np.testing.assert_allclose(agent.predict(observations, deterministic=True)[0], expected, rtol=0.0, atol=1e-6)
@@ -259,15 +259,15 @@ def test_training_seeds_are_none_of_the_evaluations() -> None:
 
 def test_noise_and_learning_rate_follow_the_whole_run(finished: Path) -> None:
     checkpoint = torch.load(finished / "checkpoint.pt", weights_only=True)
-    assert checkpoint["policy"]["log_std"].tolist() == [-2.0, -2.0]
-    assert checkpoint["optimizer"]["param_groups"][0]["lr"] == pytest.approx(1e-5)
+    assert checkpoint["parameters"]["policy"]["log_std"].tolist() == [-2.0, -2.0]
+    assert checkpoint["parameters"]["policy.optimizer"]["param_groups"][0]["lr"] == pytest.approx(1e-5)
 
 
 def test_dagger_makes_a_policy_act_much_like_its_expert() -> None:
     plan = {"expert": "apf", "episodes": 64, "rounds": 1, "updates": 1500, "batch_size": 128}
     config = small(warm_start=plan, hidden=[32, 32])
     with closing(gym.make_vec(SMALL["env"], num_envs=16, **SMALL["env_config"])) as env:
-        model = SegmentedPPO(config, NativeVecEnv(env), LAYOUT)
+        model = make_model(config, NativeVecEnv(env), LAYOUT)
         assert dagger(model.policy, config, TRAINING_SEEDS)
         seen, labels, rewards = (np.concatenate(values) for values in collect(env, "apf", None, seed=0))
         own_states, own_labels, _ = (np.concatenate(values) for values in collect(env, "apf", model.policy, seed=0))

@@ -1,0 +1,79 @@
+"""Replay buffers: as files of NumPy arrays, written and read without pickle, and filled by an expert."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import envs
+from agents.training.recipe import Demonstrations
+from agents.training.vec_env import NativeVecEnv
+from planners.files import whole_file
+
+_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+_HEADERS = 4096  # bytes that the header of an array may take
+
+
+def save_replay(path: Path, buffer: Any) -> None:
+    """Write the filled part of a replay buffer of Stable-Baselines3 atomically, as .npz."""
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}
+    with whole_file(path) as draft:
+        np.savez(draft, allow_pickle=False, position=np.array([buffer.pos, filled]), **arrays)
+
+
+def load_replay(path: Path, buffer: Any) -> None:
+    """Fill a replay buffer from a file of `save_replay`.
+
+    Raises:
+        ValueError: if the file is missing, damaged, or of another buffer. Nothing larger than the buffer is read.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+        kept = {name: getattr(buffer, name) for name in _ARRAYS}
+        for name, array in kept.items():
+            if sizes.get(f"{name}.npy", 0) > array.nbytes + _HEADERS:
+                raise ValueError(f"{name} is larger than the buffer")
+        if sizes.get("position.npy", 0) > _HEADERS:
+            raise ValueError("position is too large")
+        with np.load(path, allow_pickle=False) as file:
+            position, filled = file["position"].tolist()
+            for name, array in kept.items():
+                values = file[name]
+                if values.shape != (filled, *array.shape[1:]) or values.dtype != array.dtype:
+                    raise ValueError(f"{name} has shape {values.shape} and type {values.dtype}")
+                array[:filled] = values
+        if not 0 <= position < buffer.buffer_size or filled not in (position, buffer.buffer_size):
+            raise ValueError(f"position {position} of {filled} transitions")
+    except (OSError, EOFError, KeyError, TypeError, ValueError, MemoryError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no replay buffer of this run: {error}") from None
+    buffer.pos, buffer.full = position, filled == buffer.buffer_size
+
+
+def demonstrate(
+    plan: Demonstrations, env: NativeVecEnv, buffer: Any, progress: Callable[[str], bool] = lambda line: True
+) -> bool:
+    """Fill a replay buffer with an expert's episodes; whether it was completed.
+
+    ``progress`` is called with a line before every control step and says whether to continue.
+    """
+    expert = envs.make_expert(plan.expert, env.env)
+    observations: Any = env.reset()
+    state, begins, episodes = None, np.ones(env.num_envs, dtype=bool), 0
+    while episodes < plan.episodes:
+        if not progress(f"demonstrations of {plan.expert}: {episodes} of {plan.episodes} episodes"):
+            return False
+        actions, state = expert.predict(observations, state=state, episode_start=begins, deterministic=True)
+        following: Any
+        following, rewards, begins, infos = env.step(actions)
+        last = following.copy()
+        for env_index in np.flatnonzero(begins).tolist():
+            last[env_index] = infos[env_index]["terminal_observation"]
+        buffer.add(observations, last, actions, rewards, begins, infos)
+        episodes, observations = episodes + int(begins.sum()), following
+    return True
