@@ -9,23 +9,17 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.commands.plan import HEADERS
 from planners import SCARA_50CM, Trajectory
-from planners.capabilities import capability_rows
 from tests.pages import ROOT, follow
+from tools.capability_table import updated
 
 MOVE = ["plan", "--arm", "SCARA_50CM", "--start", "0.2", "1.5", "--to-joints", "1.2", "0.8", "--horizon", "2"]
 
 
-def capabilities_in_markdown() -> str:
-    rows = [HEADERS, ("---",) * len(HEADERS), *capability_rows()]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
-
-
 def test_the_page_lists_what_every_variant_takes() -> None:
     page = (ROOT / "docs" / "planners.md").read_text()
-    listed = page.partition("<!-- planarm plan --list -->\n")[2].partition("\n<!-- end -->")[0]
-    assert listed == capabilities_in_markdown()
+    assert "| dpct | optimal |" in page
+    assert updated(page) == page
 
 
 def test_the_page_can_be_followed(tmp_path: Path) -> None:
