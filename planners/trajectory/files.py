@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -58,14 +59,14 @@ def read_npz(path: Path) -> dict[str, Any]:
         OSError: if it cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
             samples = {"t": stored["t_s"], **{name: stored[f"{name}_{unit}"] for name, unit in COLUMNS.items()}}
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}")
         numbers = {name: math.inf if about[name] is None else float(about[name]) for name in NUMBERS}
         problem = problem_of(about["problem"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, EOFError, BadZipFile) as error:
         raise ValueError(f"{path} is no trajectory that planarm has saved ({error})") from error
     samples.pop("tau")  # follows from the motion and the problem's arm
     return {"problem": problem, **samples, **numbers, "planner": str(about["planner"])}
