@@ -126,7 +126,7 @@ def test_the_dodging_field_is_the_same() -> None:
                 tuned_gains(),
                 q,
                 qd,
-                problem.target.position[None],
+                goal,
                 place,
                 velocity,
                 [[0.05]],
