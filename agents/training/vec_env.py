@@ -38,7 +38,8 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
             raise ValueError(f"{env} does not reset an environment in the step that ends its episode (SAME_STEP)")
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self.metadata = {**self.metadata, "render_fps": env.metadata.get("render_fps", 30)}
+        modes = ["rgb_array", "human"] if self.render_mode == "rgb_array" else []  # SB3 shows frames by OpenCV
+        self.metadata = {"render_modes": modes, "render_fps": env.metadata.get("render_fps", 30)}
         self._first_seed: int | None = None
         self._actions: NDArray[np.float32] = np.zeros(0, dtype=np.float32)
         self._returns = np.zeros(self.num_envs)
@@ -94,7 +95,8 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
 
     def get_images(self) -> list[NDArray[np.uint8]]:
         """The current frame of every environment, ``(height, width, 3)`` each."""
-        return list(self.env.render() or ())
+        frames: Any = self.env.render()
+        return list(frames or ())
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of the environment, which all share, for each index; an AttributeError if there is none."""
