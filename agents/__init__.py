@@ -11,12 +11,24 @@ if TYPE_CHECKING:
     from agents.evaluation.scoring import score_leaderboard as leaderboard
     from agents.policies.agent import Agent
     from agents.policies.files import load_agent, save_agent
+    from agents.training.vec_env import NativeVecEnv
 
-__all__ = ["Agent", "Evaluation", "Scoreboard", "compare", "evaluate", "leaderboard", "load_agent", "save_agent"]
+__all__ = [
+    "Agent",
+    "Evaluation",
+    "NativeVecEnv",
+    "Scoreboard",
+    "compare",
+    "evaluate",
+    "leaderboard",
+    "load_agent",
+    "save_agent",
+]
 
 _HOMES = {
     "Agent": "agents.policies.agent:Agent",
     "Evaluation": "agents.evaluation.results:Evaluation",
+    "NativeVecEnv": "agents.training.vec_env:NativeVecEnv",
     "Scoreboard": "agents.evaluation.scoreboard:Scoreboard",
     "compare": "agents.evaluation.scoring:compare",
     "evaluate": "agents.evaluation.evaluate:evaluate",

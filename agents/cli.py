@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import make_dataclass
 from importlib import import_module, metadata
 from typing import Annotated, Any, NamedTuple, Union
@@ -25,6 +28,7 @@ COMMANDS = {
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
     "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),
+    "list": Command("agents.commands.listing", "ListOptions", "environments, experts, planners, recipes, agents, arms"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),
@@ -40,33 +44,54 @@ Simulated planar robot arms, with classical planners and PPO agents for the same
 
   planarm benchmark                                         the leaderboard
   planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
+  planarm list                                              what there is, by name
   planarm paths ObstacleDodge-v0 --plot paths.png           draw the paths of three experts
   planarm COMMAND --help                                    the options of a command
   planarm --version                                         the version"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code: 0, 2 for an error of the user, 130 after Ctrl-C.
+    """Run the command line.
 
-    A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
+    The exit code is 0, 2 for an error of the user, 130 after Ctrl-C, and 141 where the output is not read to its end. A
+    command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # of a terminal that has no such character
     if given == ["--version"]:
         print(f"planarm {metadata.version('planarm')}")
         return 0
     named = next((name for name in given[:1] if name in COMMANDS), None)
-    options = _parse(given, named)  # exits after help or an error
-    from gymnasium.error import DependencyNotInstalled
-
     try:
-        code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+        options = _parse(given, named)  # exits after help or an error
+        from gymnasium.error import DependencyNotInstalled
+
+        from agents.console import note_compiling
+
+        try:
+            with note_compiling():
+                code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+            sys.stdout.flush()
+        except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
+            return _complain(named, error)
     except KeyboardInterrupt:
         return 130
-    except (ValueError, OSError, ModuleNotFoundError, DependencyNotInstalled) as error:
-        print(f"planarm {named}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+    except BrokenPipeError:  # whoever read the output has read enough
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except OSError as error:
+        return _complain(named, error)
     return code or 0
+
+
+def _complain(named: str | None, error: Exception) -> int:
+    """Print an error of the user in one line; the exit code."""
+    print(f"planarm {named}: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
 
 
 def _parse(arguments: list[str], named: str | None) -> Any:

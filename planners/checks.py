@@ -13,7 +13,11 @@ _LEAST: dict[Sign, float] = {"": -math.inf, "positive": math.ulp(0.0), "not nega
 
 def require_finite(name: str, value: float, unit: str = "", sign: Sign = "") -> None:
     """Raise ValueError if a number is not finite or does not have the sign."""
-    if not (math.isfinite(value) and value >= _LEAST[sign]):
+    try:
+        fine = math.isfinite(value) and value >= _LEAST[sign]
+    except (TypeError, OverflowError):
+        raise ValueError(f"{name} {value!r:.80} must be a finite number") from None
+    if not fine:
         given, wanted = f"{value} {unit}".rstrip(), f"finite and {sign}" if sign else "finite"
         raise ValueError(f"{name} {given} must be {wanted}")
 

@@ -35,7 +35,7 @@ def plan(problem: MotionProblem) -> Trajectory:
     Raises:
         Infeasible: with reason ``start`` if the start moves, ``unreachable`` if the target is out of reach, ``late`` if
             the horizon is too short.
-        ValueError: if the target moves.
+        ValueError: if the target moves, or a joint that moves has no acceleration limit.
     """
     if not isinstance(problem.target, FixedHand | FixedJoints):
         raise ValueError(f"a straight move needs a fixed target, not {type(problem.target).__name__}")
@@ -44,6 +44,12 @@ def plan(problem: MotionProblem) -> Trajectory:
         raise Infeasible("start", f"a straight move from rest cannot start at {qd0} rad/s", qd=qd0)
     change = goal_postures(problem, problem.target, "best")[0] - q0
     limits = problem.joint_limits
+    free = np.flatnonzero((change != 0.0) & np.isinf(limits.array("acceleration")))
+    if len(free):
+        raise ValueError(
+            f"a straight move needs acceleration limits, but joint {free[0] + 1} of {problem.arm.name} has none; give "
+            "JointLimits(acceleration=...) to the arm or the problem"
+        )
     top, ramp = trapezoid(change, np.array(limits.velocity), np.array(limits.acceleration))
     duration = 1.0 / top + ramp
     if duration > problem.horizon:

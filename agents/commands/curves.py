@@ -24,10 +24,11 @@ COMMON = (Metric("success", "success (%)", 100.0), Metric("return", "return"))  
 
 @dataclass(frozen=True)
 class CurvesOptions:
-    """Draw learning curves of several training runs of one task, and print their final scores.
+    """Draw learning curves of several training runs, and print their final scores.
 
     Runs are grouped by one of their settings; within a group only the seed should differ. Unfinished runs are shown as
-    far as they are.
+    far as they are. What is no run, or has no evaluation yet, is left out and named. Runs of several environments give
+    a table and a picture each: curves-ConveyorTrack-v0.png for --plot curves.png.
 
     For example:
 
@@ -36,7 +37,7 @@ class CurvesOptions:
     """
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of `planarm train`."""
+    """Folders of planarm train, such as runs/*."""
     by: str = "warm_start"
     """The setting to group by; dots lead into nested ones, as in warm_start.episodes."""
     against: Literal["seconds", "steps"] = "seconds"
@@ -54,22 +55,44 @@ def run(options: CurvesOptions) -> int:
     if not options.runs:
         raise ValueError("no runs: give the folders of at least one, such as runs/*")
     check_picture(options.plot, options.dpi)
-    waiting = [
-        folder for folder in options.runs if (folder / "config.yaml").exists() and not (folder / "metrics.csv").exists()
-    ]
-    curves = [read_curve(folder) for folder in options.runs if folder not in waiting]
-    without = ", ".join(map(str, waiting))
+    curves, skipped = read_curves(options.runs)
     if not curves:
-        raise ValueError(f"{without}: no evaluation yet; a run writes its first once its warm start is done")
-    check_alike(curves)
-    metrics = chosen_metrics(curves, options.metrics)
-    groups = grouped(curves, options.by)
-    final_scores(curves[0].config.env, groups, metrics).show()
-    if waiting:
-        say(f"Left out, without an evaluation yet: {without}.")
-    if options.plot is not None:
-        write_picture(draw_curves(groups, metrics, options.against), options.plot, options.dpi)
+        raise ValueError(f"no run to show: {'; '.join(skipped)}")
+    environments: dict[str, list[Curve]] = {}
+    for curve in curves:
+        environments.setdefault(curve.config.env, []).append(curve)
+    shown = []
+    for env_id, own in environments.items():
+        check_alike(own)
+        metrics = chosen_metrics(own, options.metrics)
+        shown.append((env_id, grouped(own, options.by), metrics))
+    for env_id, groups, metrics in shown:
+        final_scores(env_id, groups, metrics).show()
+    if skipped:
+        say(f"Left out: {'; '.join(skipped)}.")
+    if (plot := options.plot) is not None:
+        for env_id, groups, metrics in shown:
+            path = plot.with_name(f"{plot.stem}-{env_id}{plot.suffix}") if len(shown) > 1 else plot
+            write_picture(draw_curves(groups, metrics, options.against), path, options.dpi)
     return 0
+
+
+def read_curves(folders: Sequence[Path]) -> tuple[list[Curve], list[str]]:
+    """The curves of the runs among some paths, and a line about each of the others."""
+    curves, skipped = [], []
+    for folder in folders:
+        if not folder.is_dir():
+            skipped.append(f"{folder} is no folder")
+        elif not (folder / "config.yaml").exists():
+            skipped.append(f"{folder} is no run: it has no config.yaml")
+        elif not (folder / "metrics.csv").exists():
+            skipped.append(f"{folder} has no evaluation yet; a run writes its first once its warm start is done")
+        else:
+            try:
+                curves.append(read_curve(folder))
+            except ValueError as error:
+                skipped.append(str(error))
+    return curves, skipped
 
 
 def chosen_metrics(curves: Sequence[Curve], names: Sequence[str]) -> list[Metric]:

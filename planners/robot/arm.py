@@ -60,6 +60,8 @@ class Arm:
         base: ArrayLike = (0.0, 0.0),
         link_radius: float = 0.0,
     ) -> None:
+        if not isinstance(name, str):
+            raise ValueError(f"the name of an arm must be a text, not {name!r:.80}")
         if limits is not None and not isinstance(limits, JointLimits):
             raise ValueError(
                 f"{name}: limits {limits!r} are no JointLimits; write JointLimits(torque=..., velocity=...)"
@@ -175,7 +177,10 @@ class Arm:
             raise ValueError(f"{n} link{'s'[: n - 1]} cannot choose the orientation of the hand; leave it out")
         if n == 3 and orientation is None:
             raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
-        angles = None if orientation is None else np.broadcast_to(np.asarray(orientation, dtype=float), len(rows))
+        angles = None if orientation is None else np.asarray(orientation, dtype=float)
+        if angles is not None and angles.shape not in ((), target.shape[:-1]):
+            raise ValueError(f"orientation has shape {angles.shape}; give one number, or one per hand position")
+        angles = None if angles is None else np.broadcast_to(angles, len(rows))
         if n > 3:
             q = self._redundant_postures(rows, angles, near)
         elif angles is not None:
@@ -188,8 +193,8 @@ class Arm:
     def _redundant_postures(self, rows: Array, angles: Array | None, near: ArrayLike | None) -> Array:
         """Postures of four links and more, ``(batch, k, n)``, rad, for hand positions ``(batch, 2)``, m."""
         start = np.asarray(self.limits.angle_middle if near is None else near, dtype=float)
-        if start.shape != (self.n_joints,):
-            raise ValueError(f"near has shape {start.shape}; {self.name} wants ({self.n_joints},)")
+        if start.shape != (self.n_joints,) or not np.isfinite(start).all():
+            raise ValueError(f"near {start} has shape {start.shape}; {self.name} wants ({self.n_joints},), finite")
         orientations = [None] * len(rows) if angles is None else angles.tolist()
         found = [
             redundant.postures(self.length_array, self.base_array, row, orientation, self.limits, start)
@@ -205,6 +210,9 @@ class Arm:
         A number, or ``(batch,)`` for ``q`` of ``(batch, n)``. The centre of the disc is ``(2,)`` or ``(batch, 2)``, m.
         """
         center = np.asarray(position, dtype=float)
+        require_finite("disc radius", radius, "m", "not negative")
+        if center.ndim not in (1, 2) or center.shape[-1] != 2:
+            raise ValueError(f"the centre of the disc has shape {center.shape}; give (2,) or (batch, 2)")
 
         def gaps(rows: Array) -> Array:
             centers = np.ascontiguousarray(np.broadcast_to(center, (len(rows), 2)))
@@ -274,8 +282,8 @@ def _numbers(what: str, given: ArrayLike) -> tuple[float, ...]:
     """A number or a one-dimensional sequence of numbers as floats."""
     try:
         array: Array = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{what} {given!r} must be numbers, as in (0.4, 0.3)") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{what} {given!r:.80} must be numbers, as in (0.4, 0.3)") from None
     if array.ndim > 1:
         raise ValueError(f"{what} has shape {array.shape}; give one number per link, as in (0.4, 0.3)")
     return tuple(np.atleast_1d(array).tolist())
@@ -284,5 +292,5 @@ def _numbers(what: str, given: ArrayLike) -> tuple[float, ...]:
 def _number(what: str, given: float) -> float:
     """A single number as a float."""
     if not is_number(given):
-        raise ValueError(f"{what} {given!r} must be a number")
+        raise ValueError(f"{what} {given!r:.80} must be a number")
     return float(given)

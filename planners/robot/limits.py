@@ -159,6 +159,8 @@ def is_number(value: Any) -> bool:
     """Whether a value is a single number, of Python or of NumPy."""
     if isinstance(value, bool | np.bool_):
         return False
+    if isinstance(value, int) and value.bit_length() > 1023:  # beyond what a float holds
+        return False
     return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 
 

@@ -8,6 +8,8 @@ held.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.stats import qmc
 
@@ -56,7 +58,7 @@ def postures(
     """
     kinematics.require_reach(lengths, base, hand[None])
     lower, upper = limits.angle_lower, limits.angle_upper
-    for starts in STARTS:
+    for starts in STARTS if orientation is None or math.isfinite(orientation) else ():
         q = _starts(starts, lengths, hand - base, lower, upper, near)
         q = _solve(lengths, base, hand, orientation, lower, upper, q)
         if len(q):

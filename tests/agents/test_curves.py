@@ -72,7 +72,7 @@ def test_runs_under_way_are_shown_as_far_as_they_are(tmp_path: Path, capsys: pyt
     assert main(["curves", *folders(tmp_path)]) == 0
     output = capsys.readouterr().out
     assert cells(output)["PPO alone"][:3] == ["2 (1 under way)", "150", "70 (60 to 80)"]
-    assert f"without an evaluation yet: {tmp_path / 'c'}." in output
+    assert f"Left out: {tmp_path / 'c'} has no evaluation yet" in output
     assert main(["curves", str(tmp_path / "c")]) == 2
     assert "no evaluation yet" in capsys.readouterr().err
 
@@ -178,13 +178,12 @@ def test_a_run_of_one_row_as_a_vector_drawing(tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         ([], "no runs"),
-        (["none"], "cannot read none/config.yaml"),
-        (["empty"], "cannot read empty/config.yaml"),
+        (["none"], "no run to show: none is no folder"),
+        (["empty"], "no run to show: empty is no run"),
         (["a", "a"], "the same run twice"),
         (["a", "copy"], "the same run twice"),
-        (["a", "move"], f"a is a run of {CONVEYOR}, move one of MinTorqueMove-v0"),
-        (["a", "damaged"], "metrics.csv is damaged"),
-        (["a", "short"], "metrics.csv is damaged"),
+        (["damaged", "empty"], "metrics.csv is damaged"),
+        (["short"], "metrics.csv is damaged"),
         (["a", "--by", "lerning_rate"], 'did you mean "learning_rate"'),
         (["a", "--metrics", "settling_tme"], 'did you mean "settling_time"'),
         (["a", "--metrics", "seconds"], 'unknown metric "seconds"'),
@@ -202,7 +201,7 @@ def test_what_cannot_be_drawn_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
-    changes: dict[str, dict[str, Any]] = {"a": {}, "copy": {}, "move": {"env": "MinTorqueMove-v0"}}
+    changes: dict[str, dict[str, Any]] = {"a": {}, "copy": {}}
     for name in ("damaged", "short"):
         changes[name] = {"seed": 5}
     for name, change in (*changes.items(), *((f"seed-{seed}", {"seed": seed}) for seed in range(7))):
@@ -212,3 +211,27 @@ def test_what_cannot_be_drawn_is_refused(
     assert main(["curves", *arguments]) == 2
     assert complaint in capsys.readouterr().err
     assert not list(tmp_path.glob("curves*"))
+
+
+def test_what_is_no_run_is_named_and_left_out_and_environments_are_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_run(tmp_path / "belt", ALONE)
+    make_run(tmp_path / "dodge", ALONE, env="ObstacleDodge-v0")
+    make_run(tmp_path / "damaged", ALONE, seed=5)
+    (tmp_path / "damaged" / "metrics.csv").write_text("steps,expert\n")
+    (tmp_path / "mk[/b]run").mkdir(parents=True)
+    (tmp_path / "notes.txt").write_text("no run")
+    names = ["belt", "damaged", "dodge", "mk[/b]run", "notes.txt"]
+    assert main(["curves", *names, "--metrics", "success", "--plot", "curves.svg"]) == 0
+    out = capsys.readouterr().out
+    assert "### ConveyorTrack-v0" in out
+    assert "### ObstacleDodge-v0" in out
+    for name, complaint in (("damaged", "is damaged"), ("mk[/b]run", "is no run"), ("notes.txt", "is no folder")):
+        assert name in out
+        assert complaint in out
+    assert sorted(path.name for path in tmp_path.glob("*.svg")) == [
+        "curves-ConveyorTrack-v0.svg",
+        "curves-ObstacleDodge-v0.svg",
+    ]

@@ -274,7 +274,7 @@ def test_more_links_take_batches_and_give_the_same_every_time() -> None:
     np.testing.assert_array_equal(arm.inverse_kinematics(hands, [0.1, 0.2, 0.0]), postures)
     single = arm.inverse_kinematics(hands[0], 0.1)
     np.testing.assert_array_equal(postures[0, : len(single)], single)
-    with pytest.raises(ValueError, match=r"near has shape \(2,\); test arm wants \(4,\)"):
+    with pytest.raises(ValueError, match=r"has shape \(2,\); test arm wants \(4,\), finite"):
         arm.inverse_kinematics(hands[0], near=[0.1, 0.2])
 
 
@@ -284,3 +284,25 @@ def test_the_closest_posture_comes_first() -> None:
     np.testing.assert_array_equal(postures[0], near)
     changes = np.abs(postures - near).sum(axis=1)
     assert (np.diff(changes) >= 0.0).all()
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    three, hand = make_arm(0.5, 0.4, 0.3), [0.6, 0.2]
+    for orientation in ([0.1, 0.2], [0.1], [[0.1]]):
+        with pytest.raises(ValueError, match=r"orientation has shape .*; give one number, or one per hand position"):
+            three.inverse_kinematics(hand, orientation)
+    with pytest.raises(ValueError, match=r"centre of the disc has shape \(3,\); give \(2,\) or \(batch, 2\)"):
+        three.clearance([0.1, 0.2, 0.3], [0.1, 0.2, 0.3], 0.1)
+    with pytest.raises(ValueError, match="disc radius nan m must be finite and not negative"):
+        three.clearance([0.1, 0.2, 0.3], hand, math.nan)
+    with pytest.raises(ValueError, match="payload mass 'much' must be a finite number"):
+        three.with_payload("much")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_more_links_find_nothing_for_what_is_no_number(bad: float) -> None:
+    four = make_arm(0.5, 0.4, 0.3, 0.2)
+    with pytest.raises(UnreachableTarget):
+        four.inverse_kinematics([bad, 0.2])
+    with pytest.raises(UnreachableTarget):
+        four.inverse_kinematics([0.6, 0.2], bad)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -115,3 +116,32 @@ def test_arrays_of_limits_cannot_be_written() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     np.testing.assert_array_equal(limits.array("acceleration"), limits.acceleration)
+
+
+THINGS = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3) | st.just(10**400) | st.just(1j),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=5,
+)
+
+
+@given(kinds=st.dictionaries(st.sampled_from(["torque", "velocity", "jerk", "angle"]), THINGS, max_size=3))
+@settings(deadline=None)
+def test_anything_given_as_limits_is_taken_or_refused(kinds: dict[str, Any]) -> None:
+    with suppress(ValueError):
+        limits = JointLimits(**kinds)
+        assert all(value > 0.0 for value in limits.torque)
+
+
+@given(
+    parts=st.dictionaries(
+        st.sampled_from(["name", "lengths", "masses", "coms", "inertias", "gravity", "base", "link_radius", "limits"]),
+        THINGS,
+        max_size=3,
+    )
+)
+@settings(deadline=None)
+def test_anything_given_as_an_arm_is_taken_or_refused(parts: dict[str, Any]) -> None:
+    with suppress(ValueError):
+        arm = Arm(**({"name": "any", "lengths": [0.4, 0.3], "masses": 1.0} | parts))
+        assert all(length > 0.0 for length in arm.lengths)

@@ -9,7 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import SCARA_50CM, FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle, trapezoid
+from planners import (
+    SCARA_50CM,
+    Arm,
+    FixedHand,
+    FixedJoints,
+    Infeasible,
+    JointLimits,
+    MotionProblem,
+    MovingHand,
+    Obstacle,
+    trapezoid,
+)
 
 angles = st.floats(-2.5, 2.5)
 
@@ -72,3 +83,7 @@ def test_what_it_cannot_do_is_refused() -> None:
     belt = MotionProblem(SCARA_50CM, np.zeros(2), MovingHand(np.array([0.5, 0.5]), np.zeros(2)), 3.0)
     with pytest.raises(ValueError, match="needs a fixed target, not MovingHand"):
         trapezoid.plan(belt)
+    bare = Arm("bare", [0.4, 0.3], 1.0, JointLimits(velocity=2.0))
+    without = MotionProblem(bare, np.array([0.0, 0.5]), FixedJoints(np.array([0.0, 1.0])), 3.0)
+    with pytest.raises(ValueError, match="needs acceleration limits, but joint 2 of bare has none; give JointLimits"):
+        trapezoid.plan(without)

@@ -1,0 +1,214 @@
+"""A policy of the user's own: found by module:name, made for the environment, checked, and scored beside the others."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from pages import follow
+
+import agents
+import envs
+from agents.cli import main
+from agents.policies.policy import as_policy
+
+ENV = "ConveyorTrack-v0"
+MODULE = """
+import numpy as np
+
+
+class Still:
+    def __init__(self, env):
+        self.n = env.unwrapped.task.arm.n_joints
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.zeros((len(observation), self.n)), None
+
+
+class Plain:
+    env_config = {"control_mode": "jerk"}
+
+    def predict(self, observation):
+        return np.zeros((len(observation), 2)), None
+
+
+class Wrong:
+    def __init__(self, actions):
+        self.actions = actions
+
+    def predict(self, observation, **rest):
+        return self.actions(len(observation)), None
+
+
+def make_policy(env):
+    return Still(env)
+
+
+def with_more(env, gain):
+    return Still(env)
+
+
+flat = Wrong(lambda n: np.zeros(2))
+turned = Wrong(lambda n: np.zeros((2, n)))
+nan = Wrong(lambda n: np.full((n, 2), np.nan))
+words = Wrong(lambda n: np.full((n, 2), "left"))
+plain = Plain()
+number = 3
+nothing = lambda: None
+
+
+class Bare:
+    def predict(self, observation):
+        return np.zeros((len(observation), 2))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The current folder, with the user's module ``mine``."""
+    (tmp_path / "mine.py").write_text(MODULE)
+    (tmp_path / "broken.py").write_text("import mine\n1 / 0\n")
+    (tmp_path / "needy.py").write_text("import no_such_library\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    for name in ("mine", "broken", "needy"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("name", ["make_policy", "Still", "plain", "Plain"])
+def test_functions_classes_and_objects_act(folder: Path, name: str) -> None:
+    evaluation = agents.evaluate(f"mine:{name}", ENV, range(3), num_envs=2)
+    assert evaluation.policy == name
+    assert evaluation.metrics["peak_torque"].max() < 1.0  # no torque, or that of a constant velocity
+    assert not evaluation.success.any()
+
+
+def test_a_policy_brings_the_settings_that_it_declares(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(folder))
+    mine = import_module("mine")
+    for policy in ("mine:plain", mine.Plain, mine.plain):
+        board = agents.compare([policy, "dpct"], ENV, range(2))
+        assert list(board.results[0].action_configs.values()) == [{"control_mode": "jerk"}]
+        with pytest.raises(ValueError, match="leave control_mode out"):
+            agents.evaluate(policy, ENV, [0], env_config={"control_mode": "torque"})
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("mine:make_polcy", 'did you mean "make_policy"'),
+        ("mine:number", "mine:number is 3: give an object with predict"),
+        ("mine:nothing", r"<lambda> gave None, which has no predict"),
+        ("mine:with_more", r"with_more\(env, gain\) is called with the environment or without arguments"),
+        ("mein:make_policy", r"no module mein .* no mein\.py"),
+        ("mine.inner:make_policy", "mine"),
+        ("broken:make_policy", r"broken cannot be imported: ZeroDivisionError.*broken\.py:2"),
+        ("needy:make_policy", "needy cannot be imported: .*no_such_library"),
+        ("mine:flat", r"flat gave actions of shape \(2,\); expected \(3, 2\)"),
+        ("mine:turned", r"turned gave actions of shape \(2, 3\); expected \(3, 2\)"),
+        ("mine:nan", r"nan gave the action \[nan, nan\] in environment 0"),
+        ("mine:words", "words gave actions of type <U4"),
+        ("mine:Bare", r"predict of Bare gave ndarray; expected a pair: actions of shape \(3, 2\)"),
+    ],
+)
+def test_what_is_wrong_is_said(folder: Path, name: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        agents.evaluate(name, ENV, range(3))
+
+
+def test_shapes_are_checked_for_policies_in_memory_too() -> None:
+    class Two:
+        def predict(self, observation: Any, *args: Any, **kwargs: Any) -> tuple[Any, None]:
+            return np.zeros(2), None
+
+    with pytest.raises(ValueError, match=r"Two gave actions of shape \(2,\); expected \(3, 2\)"):
+        agents.evaluate(Two(), ENV, range(3))
+
+
+@pytest.mark.parametrize("command", ["benchmark", "evaluate", "rollout", "paths"])
+def test_every_command_knows_it(folder: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    few = ["--episodes", "2"]
+    arguments = {
+        "benchmark": ["--policies", "mine:make_policy", "follower", "--tasks", ENV, "--bound-episodes", "0", *few],
+        "evaluate": ["follower", "--env", ENV, "--against", "mine:make_policy", *few],
+        "rollout": [ENV, "--policy", "mine:make_policy"],
+        "paths": [ENV, "--policies", "mine:make_policy", "follower"],
+    }
+    assert main([command, *arguments[command]]) == 0
+    out = capsys.readouterr().out
+    assert "make_policy" in out
+    if command == "benchmark":
+        assert "make_policy - follower" in out
+    if command == "evaluate":
+        assert "follower - make_policy" in out
+
+
+def test_two_policies_of_one_name_are_told_apart(folder: Path) -> None:
+    (folder / "other.py").write_text(MODULE)
+    board = agents.compare(["mine:make_policy", "other:make_policy", "follower"], ENV, [0])
+    assert [each.policy for each in board.evaluations] == ["make_policy", "other:make_policy", "follower"]
+    assert len(board.pairs) == 3
+    sys.modules.pop("other")
+
+
+def test_an_expert_made_for_other_settings_is_scored_under_them() -> None:
+    made_for = {"control_mode": "jerk", "horizon": 2.0}
+    expert = envs.make_expert("dpct", gym.make(ENV, **made_for))
+    own = agents.evaluate(expert, ENV, range(4))
+    assert own.returns.tolist() == agents.evaluate("dpct", ENV, range(4), env_config=made_for).returns.tolist()
+    with pytest.raises(ValueError, match="leave control_mode out"):
+        agents.evaluate(expert, ENV, range(4), env_config={"control_mode": "torque"})
+
+
+def test_an_agent_is_scored_under_its_own_settings_wherever_it_is_named() -> None:
+    agent = agents.load_agent(ENV)
+    assert agents.evaluate(agent, ENV, range(8)).success.all()
+    assert agents.evaluate("agent", ENV, range(8)).success.all()
+    with pytest.raises(ValueError, match=r"trained with control_mode 'jerk'; the environment has 'torque'"):
+        as_policy(agent, gym.make(ENV))
+    with pytest.raises(ValueError, match=r"trained on ConveyorTrack-v0, not on ObstacleDodge-v0"):
+        as_policy(agent, gym.make("ObstacleDodge-v0"))
+
+
+def test_compare_and_leaderboard_give_tables_pairs_and_json(tmp_path: Path) -> None:
+    board = agents.leaderboard(["dpct", "random"], [ENV], episodes=3, bound_episodes=2, seed=5)
+    assert "over bound" in str(board)
+    assert board.pairs == []  # two experts
+    board.to_json(tmp_path / "board.json")
+    (task,) = json.loads((tmp_path / "board.json").read_text())["results"]
+    assert task["policies"][0]["episodes"]["seed"] == [5, 6, 7]
+    both = agents.compare(["dpct", "random"], ENV, [5, 6, 7], options={"belt_speed": 0.15})
+    (pair,) = both.pairs
+    assert (pair.policy, pair.against) == ("dpct", "random")
+    assert "dpct - random" in str(both)
+    with pytest.raises(ValueError, match="give a list"):
+        agents.compare([], ENV)
+    with pytest.raises(ValueError, match="--options belt_speed"):
+        agents.compare(["dpct"], ENV, env_config={"belt_speed": 0.2})
+
+
+def test_behind_a_wrapper_that_transforms_what_they_read_or_give_experts_and_agents_refuse() -> None:
+    single, batch = gym.make(ENV, control_mode="jerk"), gym.make_vec(ENV, num_envs=2, control_mode="jerk")
+    normalized: Any = gym.wrappers.NormalizeObservation(gym.wrappers.RecordEpisodeStatistics(single))
+    rescaled: Any = gym.wrappers.vector.RescaleAction(batch, np.float32(-5.0), np.float32(5.0))
+    for env, complaint in ((normalized, "NormalizeObservation transforms them"), (rescaled, "a wrapper makes them")):
+        with pytest.raises(ValueError, match=f"expert dpct .*{complaint}"):
+            envs.make_expert("dpct", env)
+        with pytest.raises(ValueError, match=f"an agent .*{complaint}"):
+            as_policy(agents.load_agent(ENV), env)
+    envs.make_expert("dpct", gym.wrappers.RecordEpisodeStatistics(single))
+
+
+def test_the_page_is_followed(tmp_path: Path) -> None:
+    printed = follow("own_policy.md", tmp_path)
+    assert "make_policy - dpct" in printed
+    assert "strong - dpct" in printed
+    assert json.loads((tmp_path / "comparison.json").read_text())["complete"] is True
