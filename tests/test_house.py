@@ -41,7 +41,7 @@ def test_readme_has_two_commands_of_one_line_each() -> None:
     run, test = (block.strip() for block in blocks("sh"))
     assert "\n" not in run + test
     assert run.endswith("planarm benchmark")
-    assert test.endswith("pytest")
+    assert test.endswith("pytest -n 2")
     assert all(command.startswith("python3 -m venv .venv && .venv/bin/pip install") for command in (run, test))
     assert all("-c constraints.txt -e" in command for command in (run, test))
 
