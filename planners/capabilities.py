@@ -39,7 +39,7 @@ class Takes:
             refused if it touches one.
         keeps: kinds of limit that every returned motion keeps; a problem with finite limits of another kind is refused.
         needs: kinds of limit that must be finite.
-        precision: largest distance from the target at the end, m or rad.
+        precision: largest distance from the target at the end, m or rad; more where the option ``tolerance`` says so.
         arrives: ``"early"`` as soon as it can, or ``"on time"`` at the horizon exactly.
     """
 
@@ -94,7 +94,7 @@ class Variant:
 
 
 VARIANTS: dict[tuple[str, str], Variant] = {}
-"""Every variant by planner and name; the first of a planner is its default."""
+"""Every variant by planner and name; see `variants_of` for the default."""
 
 OWN = ("dpct", "lagrange", "apf", "quintic", "trapezoid")
 """Names of planarm's own planners, in the order in which `plan` tries them."""
@@ -125,7 +125,8 @@ def variant(
                 require_within_limits(str(declared), trajectory)
                 if kwargs.get("contact") != "delay":
                     precision = takes[TARGETS[type(problem.target)]].precision
-                    require_solved(str(declared), problem, trajectory, precision, _avoiding(problem))
+                    wanted = max(precision, float(kwargs.get("tolerance", 0.0)))  # type: ignore[arg-type]
+                    require_solved(str(declared), problem, trajectory, wanted, _avoiding(problem))
             return trajectory
 
         declared = VARIANTS[planner, name] = Variant(planner, name, plan, takes, promises)
@@ -192,9 +193,8 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
         ValueError: if a name or an option is unknown, or nothing takes the problem.
     """
     if planner is not None:
-        names = [name for of, name in VARIANTS if of == planner]
         require_choice("planner", planner, _names())
-        return plan_variant(planner, names[0] if variant is None else variant, problem, options)
+        return plan_variant(planner, variants_of(planner)[0] if variant is None else variant, problem, options)
     if variant is not None or options:
         raise ValueError("a variant and options need a planner: give planner, such as 'dpct'")
     able = [entry for entry in VARIANTS.values() if entry.name != "paper" and entry.objection(problem) is None]
@@ -223,13 +223,18 @@ def plan_variant(planner: str, name: str, problem: MotionProblem, options: Mappi
         Infeasible: if no motion solves the problem, with the reason.
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
-    require_choice("variant", name, [variant for of, variant in VARIANTS if of == planner])
+    require_choice("variant", name, variants_of(planner))
     function = VARIANTS[planner, name].plan
     allowed = [option for option in inspect.signature(function).parameters if option != "problem"]
     unknown = sorted(set(options) - set(allowed))
     if unknown:
         raise ValueError(f"variant {name!r} has no option {', '.join(unknown)}; it has {', '.join(allowed)}")
     return function(problem, **options)
+
+
+def variants_of(planner: str) -> list[str]:
+    """Names of a planner's variants, the default first and the paper's own last."""
+    return sorted((name for of, name in VARIANTS if of == planner), key=lambda name: name == "paper")
 
 
 def _require_taken(declared: Variant, problem: MotionProblem) -> None:

@@ -21,13 +21,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from planners.control.joint_limits import scale_into_torque
+from planners.control.joint_limits import VELOCITY_SHARE, scale_into_torque
 from planners.robot.arm import Arm
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 BRAKING_SHARE = 0.9
-"""Share of the torque limits for braking; the rest is for centrifugal torques and disturbances."""
+"""Share of the torque and acceleration limits for braking; the rest is for centrifugal torques and disturbances."""
 
 TORQUE_SHARE = 0.999
 """Share of the torque limits that is used: held torques half a period ahead are a prediction."""
@@ -53,8 +53,8 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
         period: control period, s.
 
     Returns:
-        Mean joint accelerations over the next period, ``(batch, n)``, rad/s^2, scaled down row by row where their
-        torques would exceed the limits.
+        Mean joint accelerations over the next period, ``(batch, n)``, rad/s^2, scaled down row by row where they, their
+        velocities or their torques would exceed the limits.
 
     Raises:
         ValueError: if the period is not positive.
@@ -64,7 +64,8 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
     q, qd, goal = (np.ascontiguousarray(array, dtype=float) for array in (q, qd, goal))
     periods = np.maximum(1.0, np.rint(np.broadcast_to(np.asarray(time_left, dtype=float), len(q)) / period))
     out = np.empty_like(q)
-    _reach(*arm.chain_constants, np.array(arm.limits.torque), q, qd, goal, periods, period, out)
+    torque, velocity, acceleration = (arm.limits.array(kind) for kind in ("torque", "velocity", "acceleration"))
+    _reach(*arm.chain_constants, torque, VELOCITY_SHARE * velocity, acceleration, q, qd, goal, periods, period, out)
     return out
 
 
@@ -87,6 +88,8 @@ def _reach(
     coupling: Array,
     weight: Array,
     torque: Array,
+    velocity: Array,
+    acceleration: Array,
     q: Array,
     qd: Array,
     goal: Array,
@@ -97,23 +100,35 @@ def _reach(
     tau = np.empty(q.shape[1])
     for row in range(q.shape[0]):
         left = periods[row] * period
-        braking = _braking_time(coupling, weight, torque, q[row], goal[row], left)
+        braking = _braking_time(coupling, weight, torque, acceleration, q[row], goal[row], left)
         braking = max(braking, _LEAST_BRAKING * period)
+        slower = 1.0
+        for i in range(q.shape[1]):
+            speed = abs(goal[row, i] - q[row, i]) / (left - braking / 3.0)
+            if speed > velocity[i]:
+                slower = min(slower, velocity[i] / speed)
+        share = 1.0
         for i in range(q.shape[1]):
             error = goal[row, i] - q[row, i]
             if left <= braking:
                 out[row, i] = least_acceleration(error, qd[row, i], periods[row], period)
             else:
-                out[row, i] = (error / (left - braking / 3.0) - qd[row, i]) / period
+                out[row, i] = (slower * error / (left - braking / 3.0) - qd[row, i]) / period
+            if abs(out[row, i]) > acceleration[i]:
+                share = min(share, acceleration[i] / abs(out[row, i]))
+        if share < 1.0:
+            out[row] *= share
         scale_into_torque(coupling, weight, q[row], qd[row], period, torque, TORQUE_SHARE, _PASSES, out[row], tau)
 
 
 @njit(cache=True, nogil=True)
-def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
+def _braking_time(
+    coupling: Array, weight: Array, torque: Array, acceleration: Array, q: Array, goal: Array, left: float
+) -> float:
     """Braking time t_b, s, for which the torques at the goal use all of the limits that gravity leaves.
 
     The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
-    the least k, s^2, for which the torques of ``e / k`` are within the limits. Infinite if there is no solution.
+    the least k, s^2, for which ``e / k`` and its torques are within the limits. Infinite if there is no solution.
     """
     n = q.shape[0]
     still, held, inertial = np.zeros(n), np.empty(n), np.empty(n)
@@ -122,6 +137,6 @@ def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal:
     least = 0.0
     for i in range(n):
         room = max(BRAKING_SHARE * torque[i] - abs(held[i]), _LEAST_ROOM * torque[i])
-        least = max(least, abs(inertial[i] - held[i]) / room)
+        least = max(least, abs(inertial[i] - held[i]) / room, abs(goal[i] - q[i]) / (BRAKING_SHARE * acceleration[i]))
     square = left * left - 8.0 / 3.0 * least
     return 1.5 * (left - math.sqrt(square)) if square >= 0.0 else math.inf

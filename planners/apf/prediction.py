@@ -1,7 +1,19 @@
-"""Simulates a field on an arm that follows it exactly, past discs at constant velocity."""
+"""Simulates a field on an arm that follows it exactly, past discs at constant velocity.
+
+A field gives one acceleration for each control period. The arm holds it, and the acceleration jumps from one period to
+the next. Where jerk is limited, it goes linearly from the last one to the next one instead, within a period. That is
+the motion with held accelerations, averaged over the last period and therefore half a period later. Its state with the
+last acceleration a and the period T,
+
+    q + T / 2 q' + T^2 / 12 a,    q' + T / 2 a,
+
+moves exactly as the state of a motion with held accelerations. The field is given this state, and the target half a
+period later.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,13 +23,19 @@ from planners.apf.dodge import dodge_accelerations, new_memory, tuned_gains
 from planners.apf.joint_field import reach
 from planners.apf.moving_target import approach
 from planners.capabilities import SMOOTHLESS, Takes, variant
+from planners.checks import require_finite
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
-from planners.robot.limits import LIMIT_KINDS
+from planners.robot.arm import Arm
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 PERIOD = 0.02
 """Default control period, s."""
+
+MOST_PERIODS = 100_000
+
+TORQUE_SHARE = 0.99
+"""Share of the torque limits that a field is given: the torque varies within a period."""
 
 Field = Callable[[float, Array, Array, Array], Array]
 """Joint accelerations ``(1, n)`` from time (s), angles, velocities and the last accelerations, each ``(1, n)``."""
@@ -28,18 +46,20 @@ Field = Callable[[float, Array, Array, Array], Array]
     "field",
     {
         "joints": Takes(keeps=SMOOTHLESS, precision=1e-3, arrives="on time"),
-        "hand": Takes(links=(2,), obstacles="avoided", keeps=SMOOTHLESS, precision=1e-3),
-        "moving hand": Takes(links=(2,), precision=1e-3),
+        "hand": Takes(
+            links=(2,), obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration"), precision=1e-3
+        ),
+        "moving hand": Takes(links=(2, 3), precision=1e-3),
     },
 )
 def plan_field(
     problem: MotionProblem, *, period: float = PERIOD, tolerance: float = 1e-3, hold_time: float = 0.1
 ) -> Trajectory:
-    """Follow the field of the target's kind until the target is reached; accelerations are held for a period each.
+    """Follow the field of the target's kind until the target is reached.
 
     Args:
-        problem: with two links if the target is a place of the hand. The limits kept are those of the arm.
-        period: control period, s.
+        problem: with two links if the target is a place of the hand, two or three if it moves.
+        period: control period, s; a little shorter where the horizon is not a multiple of it.
         tolerance: distance from the target that counts as reached, m, or rad for a target in joint angles.
         hold_time: time for which a fixed place of the hand must be held, s.
 
@@ -48,44 +68,61 @@ def plan_field(
         time from which on the tolerance is kept, s.
 
     Raises:
-        Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time.
-        ValueError: if the period is not positive, or the arm does not have two links where it must.
+        Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time,
+            ``limits`` if the field exceeds a limit.
+        ValueError: if an option is out of range, or there are more than 100 000 periods.
     """
-    if not period > 0.0:
-        raise ValueError(f"period {period} s must be positive")
+    require_finite("period", period, "s", "positive")
+    require_finite("tolerance", tolerance, "m or rad", "positive")
+    require_finite("hold_time", hold_time, "s", "not negative")
+    target = problem.target
+    steps = max(1, math.ceil(problem.horizon / period - 1e-6))
+    period = min(period, problem.horizon / steps)
+    if steps > MOST_PERIODS and not isinstance(target, FixedHand):
+        raise ValueError(
+            f"a horizon of {problem.horizon:.4g} s has {steps} periods of {period:.4g} s, more than {MOST_PERIODS}; "
+            "give a shorter horizon or a longer period"
+        )
     field = _field(problem, period, tolerance, hold_time)
+    smooth = bool(np.isfinite(problem.joint_limits.jerk).any())
     q, qd, qdd = (array[None].copy() for array in problem.start)
-    steps = max(1, int(problem.horizon / period + 1e-6))
-    states, accelerations = [np.stack([q[0], qd[0]])], []
+    states, accelerations = [np.stack([q[0], qd[0]])], [qdd[0]]
     since = 0 if _error(problem, 0.0, q) <= tolerance else None
-    for step in range(steps):
-        qdd = field(step * period, q, qd, qdd)
-        q, qd = q + period * (qd + 0.5 * period * qdd), qd + period * qdd
+    for step in range(min(steps, MOST_PERIODS)):
+        last, t = qdd, step * period
+        if smooth:
+            ahead = q + period * (0.5 * qd + period / 12.0 * last), qd + 0.5 * period * last
+            qdd = field(t + 0.5 * period, *ahead, last)
+            q, qd = q + period * (qd + period * (last / 3.0 + qdd / 6.0)), qd + 0.5 * period * (last + qdd)
+        else:
+            qdd = field(t, q, qd, last)
+            q, qd = q + period * (qd + 0.5 * period * qdd), qd + period * qdd
+        _require_slow(qd[0], step * period, period)
         states.append(np.stack([q[0], qd[0]]))
         accelerations.append(qdd[0])
         t = (step + 1) * period
         _require_clear(problem, t, q)
-        if _error(problem, t, q) > tolerance:
+        if not _error(problem, t, q) <= tolerance:
             since = None
         elif since is None:
             since = step + 1
-        if isinstance(problem.target, FixedHand) and since is not None and (step + 1 - since) * period >= hold_time:
+        if isinstance(target, FixedHand) and since is not None and (step + 1 - since) * period >= hold_time:
             break
     if since is None:
-        error = _error(problem, t, q)
-        raise Infeasible("late", f"after {t:.4g} s the field is still {error:.3g} from the target", error=error)
-    return _sampled(problem, np.array(states), np.array(accelerations), period, since * period)
+        raise _late(problem, t, _error(problem, t, q))
+    motion = _sampled(problem, np.array(states), np.array(accelerations), period, since * period, smooth)
+    return _met(problem, motion, tolerance) if isinstance(target, MovingHand) else motion
 
 
 def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: float) -> Field:
     """The field for the kind of the target."""
-    arm, target = problem.loaded_arm, problem.target
+    arm, target = _limited_arm(problem), problem.target
     if isinstance(target, MovingHand):
         acceleration = target.acceleration[None]
 
         def follow(t: float, q: Array, qd: Array, qdd: Array) -> Array:
             position, velocity = target.at(np.array([t]))
-            return approach(arm, q, qd, qdd, (position, velocity, acceleration), period, limits=problem.joint_limits)
+            return approach(arm, q, qd, qdd, (position, velocity, acceleration), period)
 
         return follow
     if isinstance(target, FixedJoints):
@@ -110,6 +147,13 @@ def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: f
     return dodge
 
 
+def _limited_arm(problem: MotionProblem) -> Arm:
+    """The loaded arm with the limits of the problem, its torques a little smaller."""
+    limits = problem.joint_limits
+    torque = tuple(TORQUE_SHARE * value for value in limits.torque)
+    return replace(problem.loaded_arm, limits=replace(limits, torque=torque))
+
+
 def _error(problem: MotionProblem, t: float, q: Array) -> float:
     """Distance from the target, m or rad."""
     target = problem.target
@@ -122,20 +166,41 @@ def _error(problem: MotionProblem, t: float, q: Array) -> float:
 def _require_clear(problem: MotionProblem, t: float, q: Array) -> None:
     for disc in problem.obstacles:
         gap = float(problem.arm.clearance(q[0], disc.position + t * disc.velocity, disc.radius))
-        if gap < 0.0:
+        if not gap >= 0.0:
             raise Infeasible("collision", f"after {t:.4g} s the arm touches an obstacle", time=t, clearance=gap)
 
 
-def _sampled(problem: MotionProblem, states: Array, accelerations: Array, period: float, since: float) -> Trajectory:
-    """The motion as a trajectory: accelerations are constant within a period, and jump between two."""
-    # each instant twice, except for the ends: with the acceleration before and the one after
-    t = np.repeat(period * np.arange(len(states)), 2)[1:-1]
-    q, qd = (np.repeat(states[:, kind], 2, axis=0)[1:-1] for kind in (0, 1))
-    qdd = np.repeat(accelerations, 2, axis=0)
-    motion = sampled_trajectory(problem, t, q, qd, qdd, planner="APF (field)", cost=since, rendezvous_time=since)
-    # the fields limit jerk as the change of the acceleration from one period to the next
-    jerk = np.diff(accelerations, axis=0, prepend=problem.start[2][None]) / period
-    ratio = float((np.abs(jerk) / np.array(problem.joint_limits.jerk)).max())
-    ratios = motion.measured.ratios.copy()
-    ratios[LIMIT_KINDS.index("jerk")] = ratio
-    return replace(motion, measured=motion.measured._replace(ratios=ratios))
+def _require_slow(qd: Array, t: float, period: float) -> None:
+    """Refuse a motion that the field does not control any more: more than half a turn within a period."""
+    turn = period * np.abs(qd)
+    if not (turn <= math.pi).all():
+        joint = int(np.argmax(np.where(np.isnan(turn), math.inf, turn)))
+        message = f"joint {joint + 1} turns by {turn[joint]:.3g} rad in the period of {period:.4g} s from {t:.4g} s on"
+        raise Infeasible("limits", f"{message}; limit the velocities, or give a shorter period", joint=joint, time=t)
+
+
+def _late(problem: MotionProblem, t: float, error: float) -> Infeasible:
+    unit = "rad" if isinstance(problem.target, FixedJoints) else "m"
+    return Infeasible("late", f"after {t:.4g} s the field is still {error:.3g} {unit} from the target", error=error)
+
+
+def _met(problem: MotionProblem, motion: Trajectory, tolerance: float) -> Trajectory:
+    """The motion with the time from which on it stays with a moving target, also within the periods."""
+    errors = np.array([_error(problem, t, q[None]) for t, q in zip(motion.t, motion.q, strict=True)])
+    away = np.flatnonzero(~(errors <= tolerance))
+    first = int(away[-1]) + 1 if len(away) else 0
+    if first == len(errors):
+        raise _late(problem, motion.duration, float(errors[-1]))
+    since = float(motion.t[first])
+    return replace(motion, cost=since, rendezvous_time=since)
+
+
+def _sampled(
+    problem: MotionProblem, states: Array, accelerations: Array, period: float, since: float, smooth: bool
+) -> Trajectory:
+    """The motion as a trajectory; where accelerations are held, each instant but the ends twice, before and after."""
+    t, q, qd, qdd = period * np.arange(len(states)), states[:, 0], states[:, 1], accelerations
+    if not smooth:
+        t, q, qd = (np.repeat(values, 2, axis=0)[1:-1] for values in (t, q, qd))
+        qdd = np.repeat(accelerations[1:], 2, axis=0)
+    return sampled_trajectory(problem, t, q, qd, qdd, planner="apf (field)", cost=since, rendezvous_time=since)

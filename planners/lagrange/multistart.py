@@ -21,7 +21,10 @@ from planners.lagrange.joint_move import (
 )
 from planners.lagrange.starts import start_curves
 from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
+from planners.problem import FixedJoints, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
+from planners.trajectory.interpolate import insert_turning_points
+from planners.trajectory.measure import measure
 from planners.typing import Array
 
 COARSE_DEGREE, COARSE_POINTS = 10, 49
@@ -60,13 +63,10 @@ BACK_OFF, ATTEMPTS = 1e-4, 6
 
 
 class Fit(NamedTuple):
-    """A motion within its limits: on its basis, with the same functions at equally spaced instants, and with the worst
-    value / limit of every kind on the dense grid.
-    """
+    """A motion within its limits: on its basis, and with the same functions at equally spaced instants."""
 
     minimum: Minimum
     samples: Basis
-    limit_ratios: dict[str, float]
 
     @property
     def curve(self) -> Curve:
@@ -179,7 +179,8 @@ def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
 
 
 def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, efforts: tuple[Effort, Effort]) -> Fit | None:
-    """A local minimum that keeps the limits on the dense grid, by tightening them where it does not.
+    """A local minimum that keeps the limits on the dense grid and between the samples, by tightening them where it does
+    not.
 
     It starts from joint angles ``q`` at the instants of the search, ``(points, n)``, rad; ``efforts`` are those of the
     first and of the later attempts, which start close by.
@@ -192,7 +193,9 @@ def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, effort
         minimum = minimise(move, bases.search, start, index, effort, tightening)
         loads = _loads(minimum, bases.dense)
         if (loads <= allowed).all():
-            return Fit(minimum, bases.samples, dict(zip(LIMIT_KINDS, loads.tolist(), strict=True)))
+            loads = np.maximum(loads, _measured_loads(minimum, bases.samples))
+            if (loads <= np.maximum(1.0, allowed)).all():
+                return Fit(minimum, bases.samples)
         if not minimum.feasible:
             return None
         tightening *= np.where(loads > allowed, (1.0 - BACK_OFF) * allowed / np.maximum(loads, allowed), 1.0)
@@ -207,3 +210,13 @@ def _loads(minimum: Minimum, basis: Basis) -> Array:
     values = np.stack([move.arm.inverse_dynamics(q, qd, qdd), qd, qdd, jerk, q - move.limits.angle_middle])
     loads: Array = np.max(np.abs(values) / move.limit_table[:, None], axis=(1, 2))
     return loads
+
+
+def _measured_loads(minimum: Minimum, samples: Basis) -> Array:
+    """Worst |value| / limit of every kind on the continuous motion between samples, ``(5,)``."""
+    move = minimum.move
+    q, qd, qdd, _ = minimum.at(samples)
+    start, end = move.ends
+    problem = MotionProblem(move.arm, start[0], FixedJoints(end[0]), move.duration, limits=move.limits)
+    times = samples.s * move.duration
+    return measure(problem, *insert_turning_points(times, *map(np.ascontiguousarray, (q, qd, qdd)))).ratios

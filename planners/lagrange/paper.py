@@ -111,6 +111,8 @@ def published_motion(problem: MotionProblem, method: Method) -> Trajectory:
         ValueError: if the method is unknown, or the arm does not have three joints.
     """
     require_choice("method", method, get_args(Method))
+    if problem.arm.n_joints != 3:
+        raise ValueError(f"the printed motions are of 3 joints; {problem.arm.name} has {problem.arm.n_joints}")
     if method == "lagrange":
         basis = lagrange_basis(PUBLISHED_TIMES)
         curves, source = [_combine(np.radians(angles), basis) for angles in PUBLISHED_ANGLES], "Tables 2 and 3"

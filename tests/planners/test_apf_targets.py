@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.min_torque_move.moves import random_move, random_moves
-from planners import PLANAR_3R, SCARA_1M, JointLimits, quintic
+from planners import PLANAR_3R, SCARA_1M, Arm, JointLimits, quintic
 from planners.apf.attraction import attraction, braking_distance, linear_field
 from planners.apf.joint_field import least_acceleration, reach
 from planners.apf.moving_target import approach
@@ -227,9 +227,9 @@ def test_environments_do_not_touch_each_other_and_the_base_is_respected() -> Non
 
 
 def test_what_the_hands_field_cannot_do_is_refused() -> None:
-    zero3, zero = np.zeros((1, 3)), np.zeros((1, 2))
-    with pytest.raises(ValueError, match="3 links"):
-        approach(PLANAR_3R, zero3, zero3, zero3, (zero, zero, zero), PERIOD)
+    zero4, zero = np.zeros((1, 4)), np.zeros((1, 2))
+    with pytest.raises(ValueError, match="4 links; the field of the hand is for arms with two or three"):
+        approach(Arm("four", (0.2,) * 4, (1.0,) * 4), zero4, zero4, zero4, (zero, zero, zero), PERIOD)
     with pytest.raises(ValueError, match="must be positive"):
         approach(SCARA_1M, zero, zero, zero, (zero, zero, zero), 0.0)
     with pytest.raises(ValueError, match="must be positive"):

@@ -135,7 +135,7 @@ def test_hand_target_is_met_with_the_nearer_elbow() -> None:
 
 def test_start_in_motion_goes_on_without_a_jump() -> None:
     problem = move(disc(0.9, 0.0), q=np.array([-0.6, 1.0]), qd=np.array([1.5, -1.0]))
-    plan = lagrange.plan(problem, variant="via")
+    plan = lagrange.plan(problem, variant="via", contact="delay")
     assert_sound(problem, plan)
 
 
@@ -162,25 +162,42 @@ def test_a_disc_that_passes_over_the_goal_is_waited_for() -> None:
     """It would get there as the arm holds the goal, and is gone a little later."""
     x, y = SCARA_50CM.forward_kinematics(GOAL)
     problem = move(disc(x + 0.5, y + 0.5, -0.4, -0.4), q=GOAL - (0.3, 0.3))
-    plan = lagrange.plan(problem, variant="via", prediction=2.0, hold=2.0)
+    plan = lagrange.plan(problem, variant="via", contact="delay", prediction=2.0, hold=2.0)
     assert_sound(problem, plan)
     assert math.isinf(plan.rendezvous_time)
     assert predicted_clearance(problem, plan, 2.0).min() >= MARGIN
 
 
-def test_contact_that_cannot_be_avoided_is_told() -> None:
+def test_contact_that_cannot_be_avoided_is_refused_or_delayed() -> None:
     elbow = SCARA_50CM.joint_positions(START)[1]
     problem = move(disc(elbow[0] + 0.16, elbow[1], -1.0, 0.0))
-    plan = lagrange.plan(problem, variant="via")
+    with pytest.raises(Infeasible, match="touches an obstacle") as refusal:
+        lagrange.plan(problem, variant="via")
+    assert refusal.value.reason == "collision"
+    assert refusal.value.details["clearance"] < 0.0
+    plan = lagrange.plan(problem, variant="via", contact="delay")
     assert_sound(problem, plan)
     assert contact_predicted(plan)
+    with pytest.raises(ValueError, match="contact 'never' must be one of 'refuse', 'delay'"):
+        lagrange.plan(problem, variant="via", contact="never")
+
+
+def test_a_motion_slows_down_for_a_disc_that_leaves_late() -> None:
+    """It stands before the goal for four seconds, twice as long as discs are predicted for planning again."""
+    hand = SCARA_50CM.forward_kinematics(GOAL)
+    late = disc(*(hand - (0.0, 4.0 * 0.15)), 0.0, 0.15, radius=0.12)
+    problem = move(late, target=FixedHand(hand), q=GOAL - (1.2, 0.0), horizon=12.0)
+    plan = lagrange.plan(problem, variant="via")
+    assert_sound(problem, plan)
+    assert predicted_clearance(problem, plan, plan.duration).min() >= 0.0
 
 
 def test_discs_slide_around_the_base_they_keep_out_of() -> None:
     """Straight on, this disc would go through the base; it cannot be dodged there."""
     problem = move(disc(-0.5, 0.0, 1.0, 0.0), q=np.array([0.5, 0.5]), target=FixedJoints(np.array([0.9, 0.5])))
-    assert contact_predicted(lagrange.plan(problem, variant="via"))
-    assert not contact_predicted(lagrange.plan(problem, variant="via", keep_out=0.32))
+    options: dict[str, Any] = {"variant": "via", "contact": "delay"}
+    assert contact_predicted(lagrange.plan(problem, **options))
+    assert not contact_predicted(lagrange.plan(problem, **options, keep_out=0.32))
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -193,7 +210,7 @@ def test_plans_are_sound_and_free_of_predicted_contact_unless_they_say_otherwise
     assume(SCARA_50CM.clearance(q, position, 0.1) > 0.1)
     hand = SCARA_50CM.forward_kinematics(generator.uniform(-2.0, 2.0, 2))
     problem = move(*obstacles, q=q, qd=qd, target=FixedHand(hand))
-    plan = lagrange.plan(problem, variant="via")
+    plan = lagrange.plan(problem, variant="via", contact="delay")
     assert_sound(problem, plan)
     if math.isfinite(plan.rendezvous_time):
         np.testing.assert_allclose(SCARA_50CM.forward_kinematics(plan.q[-1]), hand, atol=1e-9)
@@ -202,6 +219,31 @@ def test_plans_are_sound_and_free_of_predicted_contact_unless_they_say_otherwise
         until = PREDICTION
     if not contact_predicted(plan):
         assert predicted_clearance(problem, plan, until).min() >= 0.0
+    try:
+        solved = lagrange.plan(problem, variant="via")
+    except Infeasible:
+        return
+    assert_sound(problem, solved)
+    np.testing.assert_allclose(SCARA_50CM.forward_kinematics(solved.q[-1]), hand, atol=1e-9)
+    assert predicted_clearance(problem, solved, solved.duration).min() >= 0.0
+    assert solved.clearance >= 0.0
+
+
+@pytest.mark.parametrize("share", [0.99, 0.995, 1.0, -0.997])
+def test_the_ends_of_the_joint_ranges_are_reached(share: float) -> None:
+    angle = np.array(LIMITS.angle)
+    goal = np.array([0.0, share * angle[1]])
+    plan = lagrange.plan(move(q=np.array([0.0, 2.0]), target=FixedJoints(goal)), variant="via")
+    np.testing.assert_allclose(plan.q[-1], goal, atol=1e-12)
+    assert plan.limit_ratios["angle"] <= 1.0 + 1e-9
+    back = lagrange.plan(move(q=goal, target=FixedJoints(np.array([0.0, 2.0]))), variant="via")
+    assert back.limit_ratios["angle"] <= 1.0 + 1e-9
+
+
+def test_a_target_beyond_the_joint_range_is_refused_with_the_range() -> None:
+    with pytest.raises(Infeasible, match=r"outside of the joint ranges, \+-2\.88, \+-2\.62 rad") as refusal:
+        lagrange.plan(move(target=FixedJoints(np.array([0.5, 2.9]))), variant="via")
+    assert refusal.value.reason == "limits"
 
 
 def test_planning_again_on_the_way_arrives_no_later() -> None:
@@ -213,7 +255,7 @@ def test_planning_again_on_the_way_arrives_no_later() -> None:
         t += 0.1
         q, qd, _ = plan.at(0.1)
         obstacle = disc(1.25 - 0.6 * t, 0.3, -0.6, 0.0)
-        plan = lagrange.plan(replace(problem, q=q, qd=qd, obstacles=(obstacle,)), variant="via")
+        plan = lagrange.plan(replace(problem, q=q, qd=qd, obstacles=(obstacle,)), variant="via", contact="delay")
         assert t < 2.0 * first.duration
     np.testing.assert_allclose(plan.q[-1], GOAL, atol=1e-10)
     assert t + plan.duration <= 1.1 * first.duration + 0.1
@@ -263,10 +305,10 @@ def test_options_out_of_range_are_refused(option: str) -> None:
 
 
 def test_missing_limits_are_refused() -> None:
-    with pytest.raises(ValueError, match="velocity limits"):
+    with pytest.raises(ValueError, match="needs a finite velocity limit"):
         lagrange.plan(MotionProblem(PLANAR_3R, np.zeros(3), FixedJoints(np.ones(3)), 2.0), variant="via")
 
 
 def test_a_moving_target_is_refused() -> None:
-    with pytest.raises(ValueError, match="optimal"):
+    with pytest.raises(ValueError, match=r"not moving hand; .*lagrange \(optimal\)"):
         lagrange.plan(move(target=MovingHand(np.array([0.5, 0.5]), np.zeros(2))), variant="via")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -98,7 +98,7 @@ def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     return given
 
 
-@cache
+@lru_cache(maxsize=64)
 def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
     """Arm, gains and instants of the look-ahead for compiled code."""
     return make_body(arm), as_record(gains), make_instants(gains)
@@ -129,7 +129,7 @@ def _dodge_batch(
         if record.decided:
             record.decided = False
         else:
-            goal_postures(body, goal[row, 0], goal[row, 1], state.postures)
+            goal_postures(body, q[row], goal[row, 0], goal[row, 1], state.postures)
             _choose_elbow(body, gains, state, record)
             predict_discs(gains, instants, positions[row], trends, places)
             choose_well(DodgeScene(body, gains, state, instants, places, radii[row]), record)

@@ -63,7 +63,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     middle2 = scene.body.middle[1]
     for swing in range(-1, 2):
         for fold in (-FOLDED, FOLDED):
-            well1, well2 = rest1 + swing * gains.retreat, middle2 + fold * scene.body.ranges[1]
+            well1, well2 = rest1 + swing * gains.retreat, middle2 + fold * min(scene.body.ranges[1], math.pi)
             least = _try_well(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least, 0.0)
     _try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0)
 

@@ -61,7 +61,7 @@ def make_body(arm: Arm) -> Any:
             raise ValueError(f"the whole-arm field needs {name} limits; {arm.name} has {getattr(limits, name)}")
     body = np.zeros(1, BODY)[0]
     body["lengths"], body["link_radius"] = arm.lengths, arm.link_radius
-    body["middle"], body["ranges"] = limits.angle_middle, np.minimum(limits.angle_half, math.pi)
+    body["middle"], body["ranges"] = limits.angle_middle, limits.angle_half
     body["top"] = limits.velocity
     body["hardest"], body["torque"] = limits.acceleration, limits.torque
     body["cruise"] = CRUISE_SHARE * body["hardest"]
@@ -106,22 +106,31 @@ def _rest_time(error: float, v: float, top: float, a: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def goal_postures(body: Any, x: float, y: float, postures: Array) -> None:
-    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``, in the whole turn around the middle
-    of the joint ranges; NaN beyond a range.
+def goal_postures(body: Any, q: Array, x: float, y: float, postures: Array) -> None:
+    """Both elbow postures with the hand at ``(x, y)`` m from the base, ``(2, 2)``, in the whole turns closest to the
+    joint angles ``q``, ``(2,)``, within the joint ranges; NaN where there is none.
     """
     for branch in range(2):
         q1, q2 = two_link_branch(body.lengths[0], body.lengths[1], x, y, 1.0 - 2.0 * branch)
-        q1, q2 = _turn_towards(body.middle[0], q1), _turn_towards(body.middle[1], q2)
-        if not (abs(q1 - body.middle[0]) < body.ranges[0] and abs(q2 - body.middle[1]) < body.ranges[1]):
+        if not math.isnan(q1):
+            q1 = _closest_turn(body.middle[0], body.ranges[0], q[0], q1)
+            q2 = _closest_turn(body.middle[1], body.ranges[1], q[1], q2)
+        if math.isnan(q1) or math.isnan(q2):
             q1 = q2 = np.nan
         postures[branch, 0], postures[branch, 1] = q1, q2
 
 
 @njit(cache=True, nogil=True)
-def _turn_towards(middle: float, angle: float) -> float:
-    """The angle in the whole turn around ``middle``, rad."""
-    return angle + 2.0 * math.pi * round((middle - angle) / (2.0 * math.pi)) if not math.isnan(angle) else angle
+def _closest_turn(middle: float, reach: float, q: float, angle: float) -> float:
+    """The angle in the whole turn closest to ``q`` within ``reach`` of the middle of a range; NaN if there is none."""
+    turns = round((q - angle) / (2.0 * math.pi))
+    side = 1 if angle + 2.0 * math.pi * turns < middle else -1
+    for _ in range(3):
+        found = angle + 2.0 * math.pi * turns
+        if abs(found - middle) < reach:
+            return found
+        turns += side
+    return math.nan
 
 
 @njit(cache=True, nogil=True, inline="always")

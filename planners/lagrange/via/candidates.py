@@ -17,8 +17,8 @@ from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
 
 DURATIONS, STRETCH, FINER = 6, 1.25, 4
-"""Number of durations for each end and pattern, the factor from one to the next, and the refinement factor of that
-grid on the direct path."""
+"""Usual number of durations for each end and pattern, the factor from one to the next, and the refinement factor of
+that grid on the direct path."""
 
 PACES = np.array([0.0, 0.016, -0.016, -0.032])
 """Displacements of the via-nodes along a direct path, as shares of it: apart for less acceleration, closer for less
@@ -83,12 +83,15 @@ class Situation(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Options of the same names of :func:`planners.lagrange.via.planner.plan_via`, m and s."""
+    """Options of the same names of :func:`planners.lagrange.via.planner.plan_via`, m and s; and the number of durations
+    that are tried for each end and pattern.
+    """
 
     margin: float
     prediction: float
     keep_out: float
     hold: float
+    durations: int
 
 
 class Stops(NamedTuple):
@@ -150,7 +153,7 @@ def search(situation: Situation, options: Options, ends: Stops, patterns: Array,
                 tried[0] = patterns[p, 0] - pace * (ends.q[e] - situation.q)
                 tried[1] = patterns[p, 1] + pace * (ends.q[e] - situation.q)
                 duration = ends.soonest[e]
-                for _ in range(DURATIONS * (FINER if straight else 1)):
+                for _ in range(options.durations * (FINER if straight else 1)):
                     cost = rate(context, e, tried, duration, best.cost)
                     if cost < best.cost:
                         best = Found(cost, e, duration)
@@ -204,8 +207,12 @@ def rate(context: Search, e: int, via: Array, duration: float, best: float) -> f
 def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
     """Whether angles, velocities, accelerations and jerks stay within their limits, or those that the start breaks."""
     for i in range(c.shape[0]):
-        middle = situation.middle[i]
+        middle, end = situation.middle[i], angle_at(c[i], 1.0)
         far = max(SHARE * situation.angle[i], (1.0 + 1e-6) * abs(situation.q[i] - middle))
+        if abs(end - middle) > far:  # a goal close to the end of the range, from inside
+            far = abs(end - middle) * (1.0 + 1e-12)
+            if (2.0 * c[i, 2] + 6.0 * c[i, 3] + 12.0 * c[i, 4] + 20.0 * c[i, 5]) * (end - middle) > 0.0:
+                return False
         fast = max(SHARE * situation.velocity[i], (1.0 + 1e-6) * abs(situation.qd[i])) * duration
         hard, harsh = SHARE * situation.acceleration[i] * duration**2, SHARE * situation.jerk[i] * duration**3
         _, c1, c2, c3, c4, c5 = c[i]

@@ -1,10 +1,11 @@
 """The dodging Lagrange planner: past moving discs to a fixed target, by via-nodes.
 
 For replanning every 0.1 or 0.2 s: a plan takes about a millisecond, begins in the present state, and ends at rest, so
-that the arm can always follow the last one to its end. The motion is the Lagrange interpolant
-of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (eq 8, 9)
-on six Chebyshev-Lobatto nodes with the velocities of both ends met. As in the paper, angles at the inner nodes are
-found by direct search; here the cost counts time and closeness to the discs besides torque, and the duration is free.
+that the arm can always follow the last one to its end. With ``contact="delay"`` it may end in a waiting posture, for
+planning again before it gets there. The motion is the Lagrange interpolant of "Trajectory Planning for Torque
+Minimization of Robot Manipulators Using the Lagrange Interpolation Method" (eq 8, 9) on six Chebyshev-Lobatto nodes
+with the velocities of both ends met. As in the paper, angles at the inner nodes are found by direct search; here the
+cost counts time and closeness to the discs besides torque, and the duration is free.
 """
 
 from __future__ import annotations
@@ -12,17 +13,19 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import product
+from typing import Literal, get_args
 
 import numpy as np
 from numba import njit
 from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import Takes, variant
+from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.via.candidates import SHARE, Options, Situation, Stops, search
+from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
-from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -48,6 +51,8 @@ DETOUR = 1.5
 SAMPLE_STEP = 0.01
 """Longest time between samples of the trajectory, s."""
 
+Contact = Literal["refuse", "delay"]
+
 
 @variant(
     "lagrange",
@@ -61,6 +66,7 @@ def plan_via(
     problem: MotionProblem,
     *,
     elbow: Elbow = "best",
+    contact: Contact = "refuse",
     margin: float = 0.03,
     prediction: float = 1.6,
     keep_out: float = 0.0,
@@ -68,17 +74,21 @@ def plan_via(
 ) -> Trajectory:
     """Move to rest at a fixed target as soon as the limits and the obstacles allow.
 
-    Obstacles are predicted at constant velocity. If no candidate reaches the target at acceptable cost, the plan ends
-    in a waiting posture at or near the stopping point. If all candidates collide, it is the one of the latest contact.
+    Obstacles keep their velocity. With ``contact="delay"``, for planning again on the way, they are predicted for a
+    while only; if no candidate reaches the target at acceptable cost, the plan ends in a waiting posture at or near the
+    stopping point, and if all candidates collide, it is the one of the latest contact.
 
     Args:
         problem: with a fixed target, and limits of velocity and acceleration; at rest or moving. The accelerations of
             the start are not continued.
         elbow: branch on which a target of the hand is met: the better one, the start's or a given one.
-        margin: clearance to keep from obstacles, m, more than 0; it grows with the time ahead.
-        prediction: prediction horizon of the obstacles, s.
+        contact: ``"refuse"`` returns only motions that reach the target clear of every obstacle all the way,
+            ``"delay"`` the best there is.
+        margin: clearance to keep from obstacles where there is room, m, more than 0; it grows with the time ahead.
+        prediction: prediction horizon of the obstacles, s; at least the whole motion unless contact is ``"delay"``.
         keep_out: least distance of the obstacles' centres from the base, m; predicted closer, they slide around it.
-        hold: time for which the target is to be held, s; later contacts are ignored.
+        hold: time for which the target is to be held, s; later contacts are ignored, and without ``"delay"`` a contact
+            while it is held does not stop a motion.
 
     Returns:
         The trajectory. Its cost, in seconds, is that of the search: 1000 or more if contact with an obstacle is
@@ -86,24 +96,29 @@ def plan_via(
 
     Raises:
         Infeasible: with reason ``unreachable``; ``late`` if the horizon is too short; ``start`` if the start leaves no
-            motion within the limits.
+            motion within the limits; ``collision`` if every motion found touches an obstacle.
         ValueError: if the target moves, a limit is missing, or an option is out of range.
     """
-    if isinstance(problem.target, MovingHand):
-        raise ValueError('variant "via" needs a target that does not move; variant "optimal" meets a moving one')
-    options = Options(margin, prediction, keep_out, hold)
-    _require_sensible(problem, options)
+    require_choice("contact", contact, get_args(Contact))
+    delay = contact == "delay"
+    options = Options(margin, prediction, keep_out, hold, DURATIONS)
+    _require_sensible(options)
     situation = _situation(problem)
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
-    goals = np.array(goal_postures(problem, problem.target, elbow))
-    ends = list_ends(situation, hold, goals, offsets, len(patterns))
+    goals = np.array(_allowed_goals(problem, elbow))
+    ends = list_ends(situation, hold, goals, offsets if delay else offsets[:0], len(patterns))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
         raise _late(problem, soonest)
+    if not delay:
+        options = _to_the_end(options, soonest, problem.horizon, bool(problem.obstacles))
     via = np.zeros((2, problem.arm.n_joints))
     found = search(situation, options, ends, patterns, via)
     if found.end < 0:
-        raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
+        stops = list_ends(situation, hold, goals, offsets, len(patterns))
+        if delay or search(situation, options, stops, patterns, via).end < 0:
+            raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
+        raise _late(problem, soonest)
     if found.end >= len(goals) and not problem.obstacles:  # no reason to wait
         raise _late(problem, soonest)
     c = np.empty((problem.arm.n_joints, DEGREE + 1))
@@ -111,19 +126,41 @@ def plan_via(
     return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
 
 
-def _require_sensible(problem: MotionProblem, options: Options) -> None:
+def _allowed_goals(problem: MotionProblem, elbow: Elbow) -> list[Array]:
+    """Goal postures within the joint ranges."""
+    assert not isinstance(problem.target, MovingHand)  # refused by what the variant takes
+    goals = goal_postures(problem, problem.target, elbow)
+    outside = ~problem.joint_limits.within(np.array(goals))
+    if isinstance(problem.target, FixedJoints) and outside.any():
+        angles = ", ".join(f"{angle:.4g}" for angle in problem.target.q)
+        raise Infeasible(
+            "limits",
+            f"the target ({angles}) rad is outside of the joint ranges, {problem.joint_limits.angle_text}",
+        )
+    return goals
+
+
+def _to_the_end(options: Options, soonest: float, horizon: float, obstacles: bool) -> Options:
+    """Options with obstacles predicted over the whole motion, and with slower motions up to the horizon among them."""
+    durations = DURATIONS
+    if obstacles:
+        durations = max(DURATIONS, math.ceil(math.log(max(1.0, horizon / soonest)) / math.log(STRETCH)))
+    return options._replace(prediction=max(options.prediction, horizon + options.hold), durations=durations)
+
+
+def _require_sensible(options: Options) -> None:
     for name, value in options._asdict().items():
         if not (math.isfinite(value) and value >= 0.0) or (name == "margin" and value == 0.0):
             least = "positive" if name == "margin" else "not negative"
             raise ValueError(f"{name} {value} must be finite and {least}")
-    for kind in ("velocity", "acceleration"):
-        values = getattr(problem.joint_limits, kind)
-        if not np.isfinite(values).all():
-            raise ValueError(f"{kind} limits {values}: variant 'via' needs finite ones; set the problem's limits")
 
 
 def _late(problem: MotionProblem, soonest: float) -> Infeasible:
-    message = f"no motion found takes {problem.horizon:.4g} s or less; {soonest:.4g} s is the least"
+    message = f"no motion found within the limits takes {problem.horizon:.4g} s or less; allow more time"
+    if soonest > problem.horizon:
+        message = (
+            f"the joints take {soonest:.4g} s at least, and the horizon is {problem.horizon:.4g} s; allow more time"
+        )
     return Infeasible("late", message, minimum_time=soonest)
 
 
