@@ -25,7 +25,7 @@ from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
-from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.problem import Infeasible, MotionProblem, MovingHand
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -105,7 +105,8 @@ def plan_via(
     _require_sensible(options)
     situation = _situation(problem)
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
-    goals = np.array(_allowed_goals(problem, elbow))
+    assert not isinstance(problem.target, MovingHand)  # refused by what the variant takes
+    goals = np.array(goal_postures(problem, problem.target, elbow))
     ends = list_ends(situation, hold, goals, offsets if delay else offsets[:0], len(patterns))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
@@ -124,20 +125,6 @@ def plan_via(
     c = np.empty((problem.arm.n_joints, DEGREE + 1))
     interpolate(situation.q, situation.qd, ends.q[found.end], via, found.duration, c)
     return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
-
-
-def _allowed_goals(problem: MotionProblem, elbow: Elbow) -> list[Array]:
-    """Goal postures within the joint ranges."""
-    assert not isinstance(problem.target, MovingHand)  # refused by what the variant takes
-    goals = goal_postures(problem, problem.target, elbow)
-    outside = ~problem.joint_limits.within(np.array(goals))
-    if isinstance(problem.target, FixedJoints) and outside.any():
-        angles = ", ".join(f"{angle:.4g}" for angle in problem.target.q)
-        raise Infeasible(
-            "limits",
-            f"the target ({angles}) rad is outside of the joint ranges, {problem.joint_limits.angle_text}",
-        )
-    return goals
 
 
 def _to_the_end(options: Options, soonest: float, horizon: float, obstacles: bool) -> Options:
