@@ -95,6 +95,7 @@ class TaskCard:
         experts: how each scripted expert is made from the task, by name; "random" is there for every task.
         control_modes: in which the experts act; the default first.
         bound: the best known value of a metric, if one can be computed.
+        links: numbers of links of the arms that the task bears, in the setting ``arm``; none if it keeps its own.
         recipe: training configuration: the name of a shipped one, or the path of a YAML file.
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
         picture: what figures show.
@@ -104,6 +105,7 @@ class TaskCard:
     experts: Mapping[str, Callable[[Any], Expert]]
     control_modes: tuple[str, ...] = ("torque",)
     bound: Bound | None = None
+    links: tuple[int, ...] = ()
     recipe: str | None = None
     constant_entries: frozenset[str] = frozenset()
     picture: Picture | None = None
