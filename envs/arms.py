@@ -46,9 +46,7 @@ def require_limits(arm: Arm, kinds: Sequence[LimitKind], env_id: str) -> None:
     """ValueError if an arm lacks a limit that a task needs."""
     for kind in kinds:
         if not np.isfinite(arm.limits.array(kind)).all():
-            raise ValueError(
-                f"{env_id} needs {kind} limits of every joint; {arm.name} has {getattr(arm.limits, kind)}"
-            )
+            raise ValueError(f"{env_id} needs {kind} limits of every joint; {arm.name} has {getattr(arm.limits, kind)}")
 
 
 def angular_acceleration(arm: Arm) -> float:

@@ -184,7 +184,6 @@ class ConveyorTrack(Task):
             "settled": settled > 0,
         }
 
-
     def _belt(self, y: float, travel: float) -> Belt:
         size, x = self.arm.reach / SCARA_1M.reach, self.arm.base[0]
         ends = np.array([x - 1.4 * size, y]), np.array([x + 1.2 * size, y])

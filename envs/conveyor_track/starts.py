@@ -117,6 +117,4 @@ def _draw_with(
 
 def _require(start: Start, reason: str | None, tries: int) -> None:
     if reason is not None:
-        raise ValueError(
-            f"no motion within the joint limits solves {start._asdict()} (one of {tries} tried): {reason}"
-        )
+        raise ValueError(f"no motion within the joint limits solves {start._asdict()} (one of {tries} tried): {reason}")

@@ -72,9 +72,7 @@ def solve(axes: Mapping[str, Array], demands: Demands) -> Table:
     what = f"solving the starts of ConveyorTrack-v0 for {demands.arm.name} (once)"
     if not console.is_terminal:
         console.print(f"{what}, {np.prod(shape)} problems", soft_wrap=True, markup=False, highlight=False)
-    for index in track(
-        list(np.ndindex(shape)), what, console=console, transient=True, disable=not console.is_terminal
-    ):
+    for index in track(list(np.ndindex(shape)), what, console=console, transient=True, disable=not console.is_terminal):
         values = [nodes[i] for nodes, i in zip(axes.values(), index[:-1], strict=True)]
         rendezvous[index], rides[index] = _solved(Start._make([*values, ELBOWS[index[-1]]]), demands)
     return Table(axes, rendezvous, rides)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from envs.arms import arm_of, require_limits, scale_of, scaled_view
+from envs.arms import arm_of, quickness, require_limits, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.min_torque_move import kernels
 from envs.min_torque_move.moves import Move, random_move
@@ -59,7 +60,6 @@ class MinTorqueMoveOptions(Settings):
     duration: float | None = Field(None, gt=0.0)
 
 
-
 def paper_move(arm: Arm) -> Move:
     """The move of the paper's examples, but from rest to rest: joint 1 turns by 1 rad in 1 s."""
     return Move(np.zeros(arm.n_joints), np.eye(arm.n_joints)[0], 1.0)
@@ -75,17 +75,33 @@ def layout_of(arm: Arm) -> Layout:
             Entry("joint_position", joints, math.pi, 4.0, "rad", "angles of the joints"),
             Entry("joint_velocity", joints, speed, 20.0, "rad/s", "their velocities"),
             Entry(
-                "joint_acceleration", joints, strength, 100.0, "rad/s^2", "their mean accelerations over the last period"
+                "joint_acceleration",
+                joints,
+                strength,
+                100.0,
+                "rad/s^2",
+                "their mean accelerations over the last period",
             ),
             Entry("goal", joints, math.pi, 4.0, "rad", "angles to reach"),
             Entry("goal_error", joints, 1.0, 20.0, "rad", "from the angles to the goal"),
             Entry("torque_limit", joints, most, 10.0, "N m", "largest torque of each joint"),
             Entry("time_left", (), 1.0, 60.0, "s", "until the move must be done"),
             Entry(
-                "quintic_torque", (), 0.5 * most, 100.0, "N m", "summed absolute torque of the quintic, mean over the move"
+                "quintic_torque",
+                (),
+                0.5 * most,
+                100.0,
+                "N m",
+                "summed absolute torque of the quintic, mean over the move",
             ),
         )
     )
+
+
+def moving_arm(config: MinTorqueMoveConfig) -> Arm:
+    """The arm of the settings without its jerk limits: torques may jump."""
+    arm = arm_of(config, PLANAR_3R)
+    return replace(arm, limits=replace(arm.limits, jerk=(math.inf,) * arm.n_joints))
 
 
 LAYOUT = layout_of(PLANAR_3R)
@@ -118,7 +134,7 @@ class MinTorqueMove(Task):
     config: MinTorqueMoveConfig
 
     def __init__(self, config: MinTorqueMoveConfig, num_envs: int) -> None:
-        arm, gains = arm_of(config, PLANAR_3R), Gains.sampled(config.control_period)
+        arm, gains = moving_arm(config), Gains.sampled(config.control_period)
         require_limits(arm, ["torque"], self.env_id)
         self.layout = layout_of(arm)
         self.view = scaled_view(VIEW, arm, PLANAR_3R)
@@ -128,6 +144,15 @@ class MinTorqueMove(Task):
             "velocity_gain": gains.velocity,
         }
         super().__init__(config, arm, num_envs, kernels.env_fields(arm.n_joints), constants)
+
+    @classmethod
+    def fit(cls, config: MinTorqueMoveConfig) -> MinTorqueMoveConfig:
+        """A longer horizon for arms that turn more slowly than the task's own."""
+        if config.arm is None or "horizon" in config.model_fields_set:
+            return config
+        slower = max(1.0, 1.0 / quickness(moving_arm(config), PLANAR_3R))
+        periods = math.ceil(slower * config.horizon / config.control_period - 1e-6)
+        return config.model_copy(update={"horizon": min(60.0, periods * config.control_period)})
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:

@@ -105,6 +105,12 @@ def layout_of(arm: Arm, discs: int) -> Layout:
     )
 
 
+def dodging_arm(config: ObstacleDodgeConfig) -> Arm:
+    """The arm of the settings without its jerk limits: evading takes sudden accelerations."""
+    arm = arm_of(config, SCARA_50CM)
+    return replace(arm, limits=replace(arm.limits, jerk=(math.inf, math.inf)))
+
+
 VIEW = (-1.42, 1.42, -1.42, 1.42)
 """Part of the plane that a frame shows with its own arm, m."""
 
@@ -130,7 +136,7 @@ class ObstacleDodge(Task):
     config: ObstacleDodgeConfig
 
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
-        arm = arm_of(config, SCARA_50CM)
+        arm = dodging_arm(config)
         self.scale = scale_of_task(arm)
         self.layout = layout_of(arm, config.num_obstacles)
         self.view = scaled_view(VIEW, arm, SCARA_50CM)
@@ -148,7 +154,7 @@ class ObstacleDodge(Task):
         """Tolerance and clearance margin in the units of the arm, and the horizon in its unit of time."""
         if config.arm is None:
             return config
-        length, time = scale_of_task(arm_of(config, SCARA_50CM))
+        length, time = scale_of_task(dodging_arm(config))
         periods = math.ceil(time * config.horizon / config.control_period - 1e-6)
         fitting = {
             "tolerance": length * config.tolerance,

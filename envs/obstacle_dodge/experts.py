@@ -34,7 +34,9 @@ def time_along_line(problem: MotionProblem) -> Trajectory:
 
 def pass_via_nodes(problem: MotionProblem) -> Trajectory:
     """Lagrange: an interpolant whose inner nodes are moved aside of the predicted discs."""
-    return lagrange.plan(_with_full_limits(problem), variant="via", keep_out=NEAREST * scale_of_task(problem.arm).length)
+    return lagrange.plan(
+        _with_full_limits(problem), variant="via", keep_out=NEAREST * scale_of_task(problem.arm).length
+    )
 
 
 def _with_full_limits(problem: MotionProblem) -> MotionProblem:

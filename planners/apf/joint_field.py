@@ -64,7 +64,10 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
     q, qd, goal = (np.ascontiguousarray(array, dtype=float) for array in (q, qd, goal))
     periods = np.maximum(1.0, np.rint(np.broadcast_to(np.asarray(time_left, dtype=float), len(q)) / period))
     out = np.empty_like(q)
-    _reach(*arm.chain_constants, np.array(arm.limits.torque), q, qd, goal, periods, period, out)
+    limits = arm.limits
+    _reach(
+        *arm.chain_constants, limits.array("torque"), limits.array("acceleration"), q, qd, goal, periods, period, out
+    )
     return out
 
 
@@ -87,6 +90,7 @@ def _reach(
     coupling: Array,
     weight: Array,
     torque: Array,
+    acceleration: Array,
     q: Array,
     qd: Array,
     goal: Array,
@@ -97,7 +101,7 @@ def _reach(
     tau = np.empty(q.shape[1])
     for row in range(q.shape[0]):
         left = periods[row] * period
-        braking = _braking_time(coupling, weight, torque, q[row], goal[row], left)
+        braking = _braking_time(coupling, weight, torque, acceleration, q[row], goal[row], left)
         braking = max(braking, _LEAST_BRAKING * period)
         for i in range(q.shape[1]):
             error = goal[row, i] - q[row, i]
@@ -105,12 +109,29 @@ def _reach(
                 out[row, i] = least_acceleration(error, qd[row, i], periods[row], period)
             else:
                 out[row, i] = (error / (left - braking / 3.0) - qd[row, i]) / period
+        _scale_down(acceleration, out[row])
         scale_into_torque(coupling, weight, q[row], qd[row], period, torque, TORQUE_SHARE, _PASSES, out[row], tau)
 
 
 @njit(cache=True, nogil=True)
-def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal: Array, left: float) -> float:
+def _scale_down(acceleration: Array, qdd: Array) -> None:
+    """Scale accelerations in place until they keep their limits."""
+    share = 1.0
+    for i in range(qdd.shape[0]):
+        if abs(qdd[i]) > acceleration[i]:
+            share = min(share, acceleration[i] / abs(qdd[i]))
+    if share < 1.0:
+        for i in range(qdd.shape[0]):
+            qdd[i] *= share
+
+
+@njit(cache=True, nogil=True)
+def _braking_time(
+    coupling: Array, weight: Array, torque: Array, acceleration: Array, q: Array, goal: Array, left: float
+) -> float:
     """Braking time t_b, s, for which the torques at the goal use all of the limits that gravity leaves.
+
+    Or, if that is longer, for which the accelerations use their limits.
 
     The last deceleration is ``2 v / t_b`` with ``v = e / (tau - t_b / 3)``, so ``t_b^2 / 3 - tau t_b + 2 k = 0`` with
     the least k, s^2, for which the torques of ``e / k`` are within the limits. Infinite if there is no solution.
@@ -122,6 +143,6 @@ def _braking_time(coupling: Array, weight: Array, torque: Array, q: Array, goal:
     least = 0.0
     for i in range(n):
         room = max(BRAKING_SHARE * torque[i] - abs(held[i]), _LEAST_ROOM * torque[i])
-        least = max(least, abs(inertial[i] - held[i]) / room)
+        least = max(least, abs(inertial[i] - held[i]) / room, abs(goal[i] - q[i]) / (BRAKING_SHARE * acceleration[i]))
     square = left * left - 8.0 / 3.0 * least
     return 1.5 * (left - math.sqrt(square)) if square >= 0.0 else math.inf
