@@ -16,7 +16,7 @@ from planners.robot.limits import LimitKind
 
 
 def _loaded(given: Any) -> Arm:
-    return given if isinstance(given, Arm) else planners.load_arm(given)
+    return planners.load_arm(given)
 
 
 def _document(arm: Arm) -> Mapping[str, Any]:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.files import whole_file
+
 
 def cache_folder() -> Path:
     """``PLANARM_CACHE``, or ``planarm`` in ``XDG_CACHE_HOME`` or in ``~/.cache``; made if it does not exist.
@@ -56,10 +58,9 @@ def load_arrays(name: str) -> dict[str, NDArray[np.float64]] | None:
 
 def store_arrays(name: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
     """Write arrays to a file in the cache, which appears whole or not at all; a full disk is no error."""
-    folder = cache_folder()
+    path = cache_folder() / name
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".npz", delete=False) as draft:
+        with whole_file(path) as draft:
             np.savez_compressed(draft, **arrays)  # type: ignore[arg-type]
-        os.replace(draft.name, folder / name)
     except OSError as error:
-        warnings.warn(f"{folder / name} cannot be written: {error.strerror}", RuntimeWarning, stacklevel=3)
+        warnings.warn(f"{path} cannot be written: {error.strerror}", RuntimeWarning, stacklevel=3)

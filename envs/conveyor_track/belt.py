@@ -83,7 +83,7 @@ def pace_of(demands: Demands) -> float:
 
 def axes_of(demands: Demands, pace: float, nodes: tuple[int, int, int, int]) -> dict[str, Array]:
     """Nodes of a grid of starts; offsets shrink with the pace too where it is below 1."""
-    low, high = (placed(demands.arm, Start(*ends, 1.0), pace) for ends in zip(*RANGES.values(), strict=True))
+    low, high = (placed(demands.arm, Start._make([*ends, 1.0]), pace) for ends in zip(*RANGES.values(), strict=True))
     near = min(1.0, pace)
     low, high = (one._replace(offset=near * one.offset) for one in (low, high))
     return {

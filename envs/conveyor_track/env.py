@@ -141,7 +141,7 @@ class ConveyorTrack(Task):
         """Write the posture, the part's position and the belt's motion."""
         record, base = self.batch[env_index], self.arm.base_array
         record["q"] = posture(self.arm, start)
-        record["part_position"] = base + [start.hand_x - start.offset, start.line_height]
+        record["part_position"] = base + np.array([start.hand_x - start.offset, start.line_height])
         record["part_velocity"] = start.belt_speed, 0.0
         record["part_acceleration"] = self.config.belt_acceleration, 0.0
 

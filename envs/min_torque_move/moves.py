@@ -1,9 +1,9 @@
 """Random rest-to-rest moves that are solvable: a quintic motion solves them within the torque limits.
 
 Start and goal are uniform over the joint ranges (so folded postures and long moves are among them); the time of the
-move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits. It is longer where limits of velocity or acceleration need that. Along a quintic of duration T
-the torque is ``a(s) / T^2 + g(s)``, with ``s`` in [0, 1] and the weight ``g``, so the T that goes with a share follows
-in closed form.
+move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits, or is longer where limits of
+velocity or acceleration need that. Along a quintic of duration T the torque is ``a(s) / T^2 + g(s)``, with ``s`` in
+[0, 1] and the weight ``g``, so the T that goes with a share follows in closed form.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from envs.arms import quickness, require_limits
 from envs.obstacle_dodge.paths import PATH_STEP
 from planners import SCARA_50CM, Arm
 
-THICKEST = 0.1
+THICKEST = 0.18
 """Largest radius of the links, as a share of the reach: thicker ones leave no room for discs."""
 
 SLOWEST = 7.5
