@@ -18,7 +18,7 @@ from numba import njit
 
 from planners.control.joint_limits import TORQUE_SHARE, VELOCITY_SHARE, share_within, stoppable_velocities
 from planners.robot.arm import Arm
-from planners.robot.kinematics import two_link_branch
+from planners.robot.kinematics import turned_towards, two_link_branch
 from planners.typing import Array
 
 BRAKING_SHARE = 0.85
@@ -112,16 +112,10 @@ def goal_postures(body: Any, x: float, y: float, postures: Array) -> None:
     """
     for branch in range(2):
         q1, q2 = two_link_branch(body.lengths[0], body.lengths[1], x, y, 1.0 - 2.0 * branch)
-        q1, q2 = _turn_towards(body.middle[0], q1), _turn_towards(body.middle[1], q2)
+        q1, q2 = turned_towards(q1, body.middle[0]), turned_towards(q2, body.middle[1])
         if not (abs(q1 - body.middle[0]) < body.ranges[0] and abs(q2 - body.middle[1]) < body.ranges[1]):
             q1 = q2 = np.nan
         postures[branch, 0], postures[branch, 1] = q1, q2
-
-
-@njit(cache=True, nogil=True)
-def _turn_towards(middle: float, angle: float) -> float:
-    """The angle in the whole turn around ``middle``, rad."""
-    return angle + 2.0 * math.pi * round((middle - angle) / (2.0 * math.pi)) if not math.isnan(angle) else angle
 
 
 @njit(cache=True, nogil=True, inline="always")
