@@ -39,6 +39,8 @@ COMMANDS = {
     ),
 }
 
+OUTPUTS = ("json", "plot", "record", "csv")  # options that name a file to write
+
 DESCRIPTION = """\
 Simulated planar robot arms, with classical planners and PPO agents for the same tasks.
 
@@ -53,7 +55,7 @@ Simulated planar robot arms, with classical planners and PPO agents for the same
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
-    The exit code is 0, 2 for an error of the user, 130 after Ctrl-C, and 141 where the output is not read to its end. A
+    The exit code is 0, 2 for an error of the user, 130 after Ctrl-C, and 1 where the output is not read to its end. A
     command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
@@ -70,8 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from gymnasium.error import DependencyNotInstalled
 
         from agents.console import note_compiling
+        from planners.files import check_output
 
         try:
+            for name in OUTPUTS:
+                check_output(getattr(options, name, None))
             with note_compiling():
                 code: int | None = import_module(COMMANDS[str(named)].module).run(options)
             sys.stdout.flush()
@@ -82,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read the output has read enough
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        return 1
     except OSError as error:
         return _complain(named, error)
     return code or 0

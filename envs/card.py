@@ -96,6 +96,7 @@ class TaskCard:
         control_modes: in which the experts act; the default first.
         replan_every: control periods between two plans of a user's own planner; None to keep the first.
         bound: the best known value of a metric, if one can be computed.
+        links: numbers of links of the arms that the task bears, in the setting ``arm``; none if it keeps its own.
         recipe: training configuration: the name of a shipped one, or the path of a YAML file.
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
         picture: what figures show.
@@ -106,6 +107,7 @@ class TaskCard:
     control_modes: tuple[str, ...] = ("torque",)
     replan_every: int | None = None
     bound: Bound | None = None
+    links: tuple[int, ...] = ()
     recipe: str | None = None
     constant_entries: frozenset[str] = frozenset()
     picture: Picture | None = None

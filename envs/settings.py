@@ -119,7 +119,7 @@ def _values(field: FieldInfo) -> str:
 def _words(kind: Any) -> str:
     """A type in the words of YAML."""
     inner = get_args(kind)
-    if get_origin(kind) is Annotated:
+    if get_origin(kind) is Annotated:  # also InstanceOf
         return _words(inner[0])
     if get_origin(kind) is Literal:
         return ", ".join(f"`{value}`" for value in inner)
@@ -131,7 +131,7 @@ def _words(kind: Any) -> str:
         return f"{{name: {_words(inner[1])}}}"
     if isinstance(kind, type) and issubclass(kind, Settings):
         return kind.__name__
-    return _WORDS[kind]
+    return _WORDS.get(kind) or str(kind.__name__).lower()
 
 
 def _default(field: FieldInfo) -> str:

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from envs.arms import ArmSetting, require_links
+from envs.card import task_card
 from envs.observation import Layout, Observation
 from envs.physics.actuation import (
     LIMIT_KINDS,
@@ -41,6 +43,9 @@ class TaskSettings(Settings):
         physics_step: time of one step of the physics, s.
         horizon: length of an episode, s.
         payload: unknown point mass at the hand, kg.
+        arm: the robot; a preset's name, an `Arm`, the path of a file or a mapping (`planners.load_arm`); the task's own
+            when left out.
+        gravity: along -y, m/s^2; 0 for a horizontal plane, 9.81 for a vertical one; the arm's own when left out.
     """
 
     control_mode: str = "torque"
@@ -48,6 +53,8 @@ class TaskSettings(Settings):
     physics_step: float = Field(0.002, gt=0.0)
     horizon: float = Field(3.0, gt=0.0, le=60.0)
     payload: float = Field(0.0, ge=0.0, le=10.0)
+    arm: ArmSetting | None = None
+    gravity: float | None = Field(None, ge=0.0, le=30.0)
 
 
 class LimitSettings(TaskSettings):
@@ -82,6 +89,7 @@ class Task(ABC):
         outcomes: meaning of each key that `outcome` gives, with its unit.
         gauges: kinds of limit that a frame shows.
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
+        default_arm: the robot, unless the settings name another.
         arm: the robot as a policy knows it, without its payload.
         batch: one record per environment.
         model: array of one record: the numbers of the configuration, and the ``constants`` given to the constructor.
@@ -91,11 +99,12 @@ class Task(ABC):
     config_type: ClassVar[type[TaskSettings]]
     options_type: ClassVar[type[Settings]]
     kernels: ClassVar[Any]
+    default_arm: ClassVar[Arm]
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
     outcomes: ClassVar[Mapping[str, str]] = {}
     gauges: ClassVar[tuple[str, ...]]
-    view: ClassVar[tuple[float, float, float, float]]
+    view: tuple[float, float, float, float]
 
     def __init__(
         self, config: TaskSettings, arm: Arm, num_envs: int, env_fields: Fields, constants: Mapping[str, Any]
@@ -143,10 +152,18 @@ class Task(ABC):
         """
         task: Any = cls
         settings = cls.config_type.parse(config, f"{cls.env_id} setting")
+        if settings.arm is not None or settings.gravity is not None:
+            require_links(settings.arm, task_card(cls.env_id).links, cls.env_id)
+        settings = cls.fit(settings)
         whole_multiple("control_period", settings.control_period, "physics_step", settings.physics_step)
         whole_periods(settings, "horizon", settings.horizon)
         made: Self = task(settings, num_envs)
         return made
+
+    @classmethod
+    def fit(cls, config: Any) -> Any:
+        """Settings in which values that were left out fit the arm; unchanged for the task's own arm."""
+        return config
 
     def reset_envs(
         self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options

@@ -21,7 +21,22 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Makes the folder if it is missing. Readers see the old file or the new one. Behind a symbolic link the file that it
     leads to is replaced; a pipe or a device gets the content when the block has ended.
+
+    Raises:
+        OSError: naming the file, if it cannot be written.
     """
+    try:
+        with _replaced(path) as draft:
+            yield draft
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[Path]:
+    """A draft that goes where ``path`` leads."""
     if _is_stream(path):
         with TemporaryDirectory() as folder:
             draft = Path(folder) / path.name
@@ -44,7 +59,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def check_output(path: Path | None) -> None:
-    """Raise a ValueError, before any work is done for it, if a file could not be written; makes its folder.
+    """Raise a ValueError, before any work is done for it, if a file could not be written.
 
     None is no file, and always right.
     """
@@ -58,8 +73,8 @@ def check_output(path: Path | None) -> None:
                 raise PermissionError("it may not be written to")
             return
         target = Path(os.path.realpath(path))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        draft = _draft(target, path.suffix)
+        existing = next(parent for parent in target.parents if parent.exists())
+        draft = _draft(existing / target.name, path.suffix)
         draft.touch()
         draft.unlink()
     except (OSError, ValueError) as error:

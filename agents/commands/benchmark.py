@@ -15,7 +15,7 @@ from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
 from agents.yaml_config import assigned
-from planners.files import check_output, write_json
+from planners.files import write_json
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,6 @@ def run(options: BenchmarkOptions) -> int:
 def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
     """Run a benchmark with a progress bar, write every episode to ``json``, print its tables; the exit code."""
     started, board = datetime.now(UTC), benchmark.board
-    check_output(json)
     try:
         _run_with_bar(benchmark)
     except KeyboardInterrupt:

@@ -66,14 +66,14 @@ def run(options: CurvesOptions) -> int:
         check_alike(own)
         metrics = chosen_metrics(own, options.metrics)
         shown.append((env_id, grouped(own, options.by), metrics))
-    for env_id, groups, metrics in shown:
-        final_scores(env_id, groups, metrics).show()
-    if skipped:
-        say(f"Left out: {'; '.join(skipped)}.")
     if (plot := options.plot) is not None:
         for env_id, groups, metrics in shown:
             path = plot.with_name(f"{plot.stem}-{env_id}{plot.suffix}") if len(shown) > 1 else plot
             write_picture(draw_curves(groups, metrics, options.against), path, options.dpi)
+    for env_id, groups, metrics in shown:
+        final_scores(env_id, groups, metrics).show()
+    if skipped:
+        say(f"Left out: {'; '.join(skipped)}.")
     return 0
 
 

@@ -20,7 +20,7 @@ from agents.yaml_config import shipped_configs
 from envs.experts import expert_names
 from envs.settings import Settings
 from planners import arm_names, load_arm
-from planners.files import check_output, write_json
+from planners.files import write_json
 
 Document = dict[str, Any]
 
@@ -45,7 +45,6 @@ class ListOptions:
 
 def run(options: ListOptions) -> int:
     """Print the names; the exit code."""
-    check_output(options.json)
     chosen = [import_env(env_id) for env_id in options.env]
     for env_id in chosen:
         envs.task_card(env_id)  # raises for an unknown id

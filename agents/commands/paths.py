@@ -73,9 +73,9 @@ def run(options: PathsOptions) -> int:
     start = f"{env_id}, " + (
         "the paper's start" if reset_options.get("scenario") == "paper" else f"seed {options.seed}"
     )
-    outcome_table(start, records).show()
     if options.plot is not None:
         write_picture(draw_paths(records, start), options.plot, options.dpi)
+    outcome_table(start, records).show()
     return 0
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from agents.console import note
 from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
 from envs.settings import refuse_unknown
-from planners.files import check_output, write_bytes
+from planners.files import write_bytes
 
 
 def check_picture(plot: Path | None, dpi: int) -> None:
@@ -17,7 +17,6 @@ def check_picture(plot: Path | None, dpi: int) -> None:
     if plot is not None:
         refuse_unknown([plot.suffix.lower()], FORMATS, f"file format of {plot}:")
         new_sheet(1.0, 1.0)
-        check_output(plot)
 
 
 def write_picture(sheet: Figure, plot: Path, dpi: int) -> None:

@@ -13,7 +13,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from envs.settings import refuse_unknown
-from planners.files import check_output, whole_file
+from planners.files import whole_file
 
 Frame = NDArray[np.uint8]
 
@@ -31,7 +31,6 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
     for module, extra in (("PIL", "viz"), _NEEDS[path.suffix.lower()]):
         if importlib.util.find_spec(module) is None:
             raise DependencyNotInstalled(f'recording {path.suffix} needs {module}; run: pip install "planarm[{extra}]"')
-    check_output(path)
 
 
 class Film:
@@ -87,5 +86,5 @@ class Film:
         frames = b"".join(frame.tobytes() for frame in self._frames)
         result = subprocess.run(program, input=frames, capture_output=True, check=False)
         if result.returncode != 0:
-            complaint = result.stderr.decode(errors="replace").split("\n")
-            raise OSError(f"ffmpeg could not write the film ({result.returncode}): {' '.join(complaint)[:300]}")
+            complaint = " ".join(result.stderr.decode(errors="replace").split())[:300]
+            raise OSError(f"ffmpeg ended with {result.returncode}. {complaint}".strip())

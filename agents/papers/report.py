@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.console import say
+from agents.console import note, say
 from agents.figures.sheet import Figure, image_bytes
 from agents.tables import Table
 from planners.files import write_bytes, write_json
@@ -59,16 +59,18 @@ def tabulate(
 
 
 def publish(report: Report, options: ReportOptions) -> None:
-    """Print a report; write its JSON and its figures if asked for."""
+    """Write a report's JSON and its figures if asked for; print it."""
+    if options.json is not None:
+        facts = {"facts": [asdict(fact) for fact in report.facts]} if report.facts else {}
+        write_json(options.json, {**report.records, **facts})
+        note(f"wrote {options.json}")
+    if options.plot is not None:
+        write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
+        note(f"wrote {options.plot}")
     for table in report.tables:
         table.show()
     for fact in report.facts:
         say(f"- {fact.statement}")
-    if options.json is not None:
-        facts = {"facts": [asdict(fact) for fact in report.facts]} if report.facts else {}
-        write_json(options.json, {**report.records, **facts})
-    if options.plot is not None:
-        write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
 
 
 def joined(values: Iterable[float], digits: int) -> str:

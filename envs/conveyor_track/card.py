@@ -43,6 +43,7 @@ CARD = TaskCard(
     },
     control_modes=CONTROL_MODES,
     bound=Bound("settling_time", "settling time of the best known optimum within the same tolerances", _bound),
+    links=(2, 3),
     recipe="ppo/ConveyorTrack-v0",
     # The belt's acceleration is 0 unless configured; nothing is settled until the part is met.
     constant_entries=frozenset({"part_acceleration", "settled"}),

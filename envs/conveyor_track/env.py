@@ -9,15 +9,17 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from envs.arms import arm_of, scale_of, scaled_view
 from envs.conveyor_track import kernels
-from envs.conveyor_track.starts import PAPER_START, Demands, Start, draw_starts, require_solvable
+from envs.conveyor_track.belt import PAPER_START, Demands, Start, pace_of, placed, posture, require_solvable, side
+from envs.conveyor_track.starts import draw_starts
 from envs.environment import PlanarArmEnv
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.rendering import Belt
 from envs.settings import Settings
 from envs.task import LimitSettings, Task, whole_periods
-from planners import SCARA_1M, MotionProblem, MovingHand
+from planners import SCARA_1M, Arm, MotionProblem, MovingHand
 from planners.typing import Array
 
 
@@ -45,8 +47,8 @@ class ConveyorTrackOptions(Settings):
         scenario: ``"random"`` or ``"paper"``.
         belt_speed: speed of the belt at the start, along +x, m/s.
         offset: D of eq 2, the lead of the hand over the part at the start, m.
-        line_height: y coordinate of the belt, m.
-        hand_x: x coordinate of the hand at the start, m.
+        line_height: y coordinate of the belt, from the base, m.
+        hand_x: x coordinate of the hand at the start, from the base, m.
         elbow: sign of the elbow angle at the start, ``"+"`` or ``"-"``.
     """
 
@@ -58,21 +60,41 @@ class ConveyorTrackOptions(Settings):
     elbow: Literal["+", "-"] | None = None
 
 
-LAYOUT = Layout(
-    (
-        Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
-        Entry("joint_velocity", (2,), 0.2, 50.0, "rad/s", "their velocities"),
-        Entry("joint_acceleration", (2,), 0.3, 100.0, "rad/s^2", "their mean accelerations over the last period"),
-        Entry("hand", (2,), 1.0, 4.0, "m", "position of the hand, from the base"),
-        Entry("part", (2,), 1.0, 8.0, "m", "position of the part, from the base"),
-        Entry("part_error", (2,), 0.1, 80.0, "m", "from the hand to the part"),
-        Entry("part_velocity", (2,), 0.2, 50.0, "m/s", "velocity of the part"),
-        Entry("part_acceleration", (2,), 0.2, 50.0, "m/s^2", "acceleration of the part"),
-        Entry("time_left", (), 3.0, 20.0, "s", "until the episode ends"),
-        Entry("settled", (), 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"),
+def layout_of(arm: Arm) -> Layout:
+    """What an observation of ConveyorTrack-v0 holds with an arm; scales follow from its reach and its limits."""
+    joints, size = (arm.n_joints,), arm.reach / SCARA_1M.reach
+    speed, strength = (scale_of(arm, kind, SCARA_1M) for kind in ("velocity", "acceleration"))
+    belt = size * max(1.0, pace_of(Demands(3.0, 0.5, arm=arm)))
+    return Layout(
+        (
+            Entry("joint_position", joints, math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_velocity", joints, 0.2 * speed, 50.0, "rad/s", "their velocities"),
+            Entry(
+                "joint_acceleration",
+                joints,
+                0.3 * strength,
+                100.0,
+                "rad/s^2",
+                "their mean accelerations over the last period",
+            ),
+            Entry("hand", (2,), size, 4.0, "m", "position of the hand, from the base"),
+            Entry("part", (2,), size, 8.0, "m", "position of the part, from the base"),
+            Entry("part_error", (2,), 0.1 * size, 80.0, "m", "from the hand to the part"),
+            Entry("part_velocity", (2,), 0.2 * belt, 50.0, "m/s", "velocity of the part"),
+            Entry("part_acceleration", (2,), 0.2, 50.0, "m/s^2", "acceleration of the part"),
+            Entry("time_left", (), 3.0, 20.0, "s", "until the episode ends"),
+            Entry(
+                "settled", (), 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"
+            ),
+        )
     )
-)
-"""What an observation of ConveyorTrack-v0 holds."""
+
+
+LAYOUT = layout_of(SCARA_1M)
+"""What an observation of ConveyorTrack-v0 holds with its own arm."""
+
+VIEW = (-1.5, 1.3, -0.25, 2.1)
+"""Part of the plane that a frame shows with its own arm, m."""
 
 
 class ConveyorTrack(Task):
@@ -82,23 +104,26 @@ class ConveyorTrack(Task):
     config_type = ConveyorTrackConfig
     options_type = ConveyorTrackOptions
     kernels: ClassVar[Any] = kernels
+    default_arm = SCARA_1M
     layout = LAYOUT
     reward_terms = ("progress", "settling", "limits")
     outcomes: ClassVar = {
         "settling_time": "time from which on both errors stay within tolerance, s; inf if they do not",
         "steady_state_error": "largest position error over the last `hold_time`, m; NaN for an episode cut short",
         "lq_cost": "J of eq 18, lengths in units of the paper's 0.5 m path; NaN for an episode cut short",
-        "peak_torque": "largest torque of either joint, N m",
+        "peak_torque": "largest torque of any joint, N m",
     }
     gauges = ("velocity", "acceleration", "jerk")
-    view = (-1.5, 1.3, -0.25, 2.1)
+    view = VIEW
     config: ConveyorTrackConfig
 
     def __init__(self, config: ConveyorTrackConfig, num_envs: int) -> None:
         constants = {"hold_steps": whole_periods(config, "hold_time", config.hold_time)}
-        super().__init__(config, SCARA_1M, num_envs, kernels.ENV_FIELDS, constants)
+        arm = arm_of(config, SCARA_1M)
+        self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
+        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
         self.batch["part"] = self._world.add_kinematic_bodies()
-        self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload)
+        self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload, arm)
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
         """One start per generator, drawn or given, for which DPCT has a motion within all limits."""
@@ -106,19 +131,19 @@ class ConveyorTrack(Task):
         if "elbow" in given:
             given["elbow"] = 1.0 if given["elbow"] == "+" else -1.0
         if options.scenario == "paper":
-            start = PAPER_START._replace(**given)
+            pace = min(1.0, pace_of(self._demands._replace(payload=0.0))) if self.config.arm else 1.0
+            start = placed(self.arm, PAPER_START, pace)._replace(**given)
             require_solvable(start, self._demands)
             return [start] * len(generators)
         return draw_starts(generators, given, self._demands)
 
     def write_start(self, env_index: int, start: Start) -> None:
-        """Write positions of hand and part, the belt's motion and the side of the elbow."""
-        record = self.batch[env_index]
-        record["hand"] = start.hand_x, start.line_height
-        record["part_position"] = start.hand_x - start.offset, start.line_height
+        """Write the posture, the part's position and the belt's motion."""
+        record, base = self.batch[env_index], self.arm.base_array
+        record["q"] = posture(self.arm, start)
+        record["part_position"] = base + np.array([start.hand_x - start.offset, start.line_height])
         record["part_velocity"] = start.belt_speed, 0.0
         record["part_acceleration"] = self.config.belt_acceleration, 0.0
-        record["elbow"] = start.elbow
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Settling time, steady-state error, J of eq 18 and peak torque."""
@@ -146,7 +171,7 @@ class ConveyorTrack(Task):
         travel = float(part[0] - record["belt_start"][0])
         return {
             "part": part.copy(),
-            "belt": Belt(start=np.array([-1.4, part[1]]), end=np.array([1.2, part[1]]), travel=travel),
+            "belt": self._belt(float(part[1]), travel),
             "status": (
                 ("position error", f"{1e3 * error:.2f} mm", error <= self.config.position_tolerance),
                 (
@@ -159,6 +184,11 @@ class ConveyorTrack(Task):
             "settled": settled > 0,
         }
 
+    def _belt(self, y: float, travel: float) -> Belt:
+        size, x = self.arm.reach / SCARA_1M.reach, self.arm.base[0]
+        ends = np.array([x - 1.4 * size, y]), np.array([x + 1.2 * size, y])
+        return Belt(*ends, travel=travel, width=0.26 * size)
+
 
 class ConveyorTrackEnv(PlanarArmEnv):
     """Bring the hand of a two-link SCARA arm to a part on a conveyor belt, and follow it.
@@ -168,7 +198,7 @@ class ConveyorTrackEnv(PlanarArmEnv):
     on the line of the belt, D metres ahead of the part.
 
     ## Action
-    Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
+    Numbers in [-1, 1], one per joint; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
     `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
     rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the velocity,
     acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators keep the

@@ -31,4 +31,6 @@ def _along_line(problem: MotionProblem) -> MotionProblem:
     along = (way @ velocity) * way
     if not 0.0 < np.linalg.norm(velocity - along) <= DRIFT:
         return problem
+    if problem.arm.n_joints == 3:  # DPCT keeps the orientation of the third link
+        jacobian, along = np.vstack([jacobian, np.ones(3)]), np.append(along, 0.0)
     return replace(problem, qd=np.asarray(np.linalg.lstsq(jacobian, along)[0], dtype=np.float64))

@@ -10,7 +10,7 @@ from numba import njit
 from envs.physics import chipmunk
 from envs.physics.actuation import apply_action
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
-from planners.robot.kinematics import hand_state_single, two_link_branch
+from planners.robot.kinematics import hand_state_single
 
 LINE_LENGTH = 0.5
 """Length of the paper's path, X_h(t_f) - X_h(t_0), m: the unit of its position r in the index J of eq 18."""
@@ -20,7 +20,6 @@ MAX_ERROR = 1000.0
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
     ("part", "i8"),
-    ("elbow", "f8"),
     ("part_position", "f8", (2,)),
     ("part_velocity", "f8", (2,)),
     ("part_acceleration", "f8", (2,)),
@@ -38,10 +37,8 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 
 @njit(cache=True, nogil=True)
 def reset_env(batch: Any, model: Any, index: int) -> None:
-    """Begin an episode in an environment whose hand and part are set: posture, bodies, counters, observation."""
+    """Begin an episode in an environment whose posture and part are set: bodies, counters, observation."""
     env, shared = batch[index], model[0]
-    dx, dy = env.hand[0] - shared.base[0], env.hand[1] - shared.base[1]
-    env.q[0], env.q[1] = two_link_branch(shared.lengths[0], shared.lengths[1], dx, dy, env.elbow)
     begin_episode(env, shared)
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0

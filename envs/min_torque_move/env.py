@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from envs.arms import arm_of, quickness, require_limits, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.min_torque_move import kernels
 from envs.min_torque_move.moves import Move, random_move
@@ -22,14 +23,13 @@ from planners.control import Gains
 from planners.motion.time_laws import SHAPES
 from planners.robot.arm import Arm
 
-Angles = tuple[float, float, float]
+Angles = tuple[float, ...]
 
 
 class MinTorqueMoveConfig(LimitSettings):
     """Settings of MinTorqueMove-v0.
 
     Attributes:
-        gravity: gravity along -y, m/s^2; 0 for the horizontal plane, 9.81 for a vertical one.
         horizon: longest move that is drawn, s.
         angle_tolerance: largest error of a joint angle at the end that counts as reached, rad.
         velocity_tolerance: largest joint velocity at the end that counts as at rest, rad/s.
@@ -39,7 +39,6 @@ class MinTorqueMoveConfig(LimitSettings):
     control_mode: Literal["torque", "motion"] = "torque"
     control_period: float = Field(0.005, gt=0.0)
     physics_step: float = Field(0.001, gt=0.0)
-    gravity: float = Field(0.0, ge=0.0, le=30.0)
     angle_tolerance: float = Field(0.02, gt=0.0)
     velocity_tolerance: float = Field(0.05, gt=0.0)
     miss_penalty: float = Field(2.0, ge=0.0)
@@ -49,7 +48,7 @@ class MinTorqueMoveOptions(Settings):
     """Options of ``reset``: what is left out is drawn (``"random"``) or the paper's (``"paper"``).
 
     Attributes:
-        scenario: ``"random"`` or ``"paper"``: (0, 0, 0) -> (1, 0, 0) rad in 1 s.
+        scenario: ``"random"`` or ``"paper"``: 0 -> 1 rad with joint 1, the others at 0, in 1 s.
         start: joint angles at the start, rad.
         goal: joint angles to reach, rad.
         duration: time for the move, s; a multiple of the control period.
@@ -61,22 +60,55 @@ class MinTorqueMoveOptions(Settings):
     duration: float | None = Field(None, gt=0.0)
 
 
-PAPER_MOVE = Move(np.zeros(3), np.array([1.0, 0.0, 0.0]), 1.0)
-"""The move of the paper's examples, but from rest to rest."""
+def paper_move(arm: Arm) -> Move:
+    """The move of the paper's examples, but from rest to rest: joint 1 turns by 1 rad in 1 s."""
+    return Move(np.zeros(arm.n_joints), np.eye(arm.n_joints)[0], 1.0)
 
-LAYOUT = Layout(
-    (
-        Entry("joint_position", (3,), math.pi, 4.0, "rad", "angles of the joints"),
-        Entry("joint_velocity", (3,), 5.0, 20.0, "rad/s", "their velocities"),
-        Entry("joint_acceleration", (3,), 20.0, 100.0, "rad/s^2", "their mean accelerations over the last period"),
-        Entry("goal", (3,), math.pi, 4.0, "rad", "angles to reach"),
-        Entry("goal_error", (3,), 1.0, 20.0, "rad", "from the angles to the goal"),
-        Entry("torque_limit", (3,), 20.0, 10.0, "N m", "largest torque of each joint"),
-        Entry("time_left", (), 1.0, 60.0, "s", "until the move must be done"),
-        Entry("quintic_torque", (), 10.0, 100.0, "N m", "summed absolute torque of the quintic, mean over the move"),
+
+def layout_of(arm: Arm) -> Layout:
+    """What an observation of MinTorqueMove-v0 holds with an arm; scales follow from its limits and torques."""
+    joints, most = (arm.n_joints,), float(arm.limits.array("torque").max())
+    speed = 5.0 * math.sqrt(scale_of(arm, "acceleration", PLANAR_3R))
+    strength = 20.0 * scale_of(arm, "acceleration", PLANAR_3R)
+    return Layout(
+        (
+            Entry("joint_position", joints, math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_velocity", joints, speed, 20.0, "rad/s", "their velocities"),
+            Entry(
+                "joint_acceleration",
+                joints,
+                strength,
+                100.0,
+                "rad/s^2",
+                "their mean accelerations over the last period",
+            ),
+            Entry("goal", joints, math.pi, 4.0, "rad", "angles to reach"),
+            Entry("goal_error", joints, 1.0, 20.0, "rad", "from the angles to the goal"),
+            Entry("torque_limit", joints, most, 10.0, "N m", "largest torque of each joint"),
+            Entry("time_left", (), 1.0, 60.0, "s", "until the move must be done"),
+            Entry(
+                "quintic_torque",
+                (),
+                0.5 * most,
+                100.0,
+                "N m",
+                "summed absolute torque of the quintic, mean over the move",
+            ),
+        )
     )
-)
-"""What an observation of MinTorqueMove-v0 holds."""
+
+
+def moving_arm(config: MinTorqueMoveConfig) -> Arm:
+    """The arm of the settings without its jerk limits: torques may jump."""
+    arm = arm_of(config, PLANAR_3R)
+    return replace(arm, limits=replace(arm.limits, jerk=(math.inf,) * arm.n_joints))
+
+
+LAYOUT = layout_of(PLANAR_3R)
+"""What an observation of MinTorqueMove-v0 holds with its own arm."""
+
+VIEW = (-0.95, 0.95, -0.9, 0.9)
+"""Part of the plane that a frame shows with its own arm, m."""
 
 
 class MinTorqueMove(Task):
@@ -86,6 +118,7 @@ class MinTorqueMove(Task):
     config_type = MinTorqueMoveConfig
     options_type = MinTorqueMoveOptions
     kernels: ClassVar[Any] = kernels
+    default_arm = PLANAR_3R
     layout = LAYOUT
     reward_terms = ("effort", "goal", "limits")
     outcomes: ClassVar = {
@@ -97,17 +130,29 @@ class MinTorqueMove(Task):
         "peak_torque": "largest torque of any joint, N m",
     }
     gauges = ("angle",)
-    view = (-0.95, 0.95, -0.9, 0.9)
+    view = VIEW
     config: MinTorqueMoveConfig
 
     def __init__(self, config: MinTorqueMoveConfig, num_envs: int) -> None:
-        arm, gains = replace(PLANAR_3R, gravity=config.gravity), Gains.sampled(config.control_period)
+        arm, gains = moving_arm(config), Gains.sampled(config.control_period)
+        require_limits(arm, ["torque"], self.env_id)
+        self.layout = layout_of(arm)
+        self.view = scaled_view(VIEW, arm, PLANAR_3R)
         constants = {
             "whole_motion": config.control_mode == "motion",
             "position_gain": gains.position,
             "velocity_gain": gains.velocity,
         }
-        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
+        super().__init__(config, arm, num_envs, kernels.env_fields(arm.n_joints), constants)
+
+    @classmethod
+    def fit(cls, config: MinTorqueMoveConfig) -> MinTorqueMoveConfig:
+        """A longer horizon for arms that turn more slowly than the task's own."""
+        if config.arm is None or "horizon" in config.model_fields_set:
+            return config
+        slower = max(1.0, 1.0 / quickness(moving_arm(config), PLANAR_3R))
+        periods = math.ceil(slower * config.horizon / config.control_period - 1e-6)
+        return config.model_copy(update={"horizon": min(60.0, periods * config.control_period)})
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:
@@ -159,10 +204,15 @@ class MinTorqueMove(Task):
     def _move(self, generator: np.random.Generator, options: MinTorqueMoveOptions) -> Move:
         """A move drawn or given, and one that can be made in either case."""
         given = options.model_dump(exclude={"scenario"}, exclude_none=True)
-        given.update({name: np.array(given[name]) for name in ("start", "goal") if name in given})
+        for name in given.keys() & {"start", "goal"}:
+            given[name] = np.array(given[name])
+            if given[name].shape != (self.arm.n_joints,):
+                raise ValueError(
+                    f"{name} has {len(given[name])} joint angles; {self.arm.name} needs {self.arm.n_joints}"
+                )
         if options.scenario == "random" and not given:
             return self._drawn(generator)
-        move = (PAPER_MOVE if options.scenario == "paper" else self._drawn(generator))._replace(**given)
+        move = (paper_move(self.arm) if options.scenario == "paper" else self._drawn(generator))._replace(**given)
         self._require_possible(move)
         return move
 

@@ -22,19 +22,21 @@ SHAPE_SCALE = 5.0
 """Scale of the actions that are coefficients of a motion, rad; divided by k + 1 for polynomial k, because higher ones
 take more torque."""
 
-ENV_FIELDS: list[tuple[Any, ...]] = [
-    ("start", "f8", (3,)),
-    ("goal", "f8", (3,)),
-    ("shape", "f8", (3, SHAPES)),
-    ("duration_steps", "i8"),
-    ("quintic_l1", "f8"),
-    ("quintic_peak", "f8", (3,)),
-    ("torque_l1", "f8"),
-    ("torque_l2", "f8"),
-    ("angle_error", "f8"),
-    ("velocity_error", "f8"),
-]
-"""What an environment's record holds for this task, besides what every task has."""
+
+def env_fields(n_joints: int) -> list[tuple[Any, ...]]:
+    """What an environment's record holds for this task, besides what every task has."""
+    return [
+        ("start", "f8", (n_joints,)),
+        ("goal", "f8", (n_joints,)),
+        ("shape", "f8", (n_joints, SHAPES)),
+        ("duration_steps", "i8"),
+        ("quintic_l1", "f8"),
+        ("quintic_peak", "f8", (n_joints,)),
+        ("torque_l1", "f8"),
+        ("torque_l2", "f8"),
+        ("angle_error", "f8"),
+        ("velocity_error", "f8"),
+    ]
 
 
 @njit(cache=True, nogil=True)
@@ -126,7 +128,7 @@ def _observe(env: Any, shared: Any) -> None:
     seen.joint_velocity[:] = env.qd
     seen.joint_acceleration[:] = env.qdd
     seen.goal[:] = env.goal
-    for i in range(3):
+    for i in range(env.q.shape[0]):
         seen.goal_error[i] = env.goal[i] - env.q[i]
         seen.torque_limit[i] = shared.limits[0, i]
     seen.time_left = (env.duration_steps - env.step) * shared.control_period

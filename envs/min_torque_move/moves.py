@@ -1,9 +1,9 @@
 """Random rest-to-rest moves that are solvable: a quintic motion solves them within the torque limits.
 
 Start and goal are uniform over the joint ranges (so folded postures and long moves are among them); the time of the
-move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits. Along a quintic of duration T
-the torque is ``a(s) / T^2 + g(s)``, with ``s`` in [0, 1] and the weight ``g``, so the T that goes with a share follows
-in closed form.
+move is drawn so that the quintic needs a share between 0.3 and 0.9 of the torque limits, or is longer where limits of
+velocity or acceleration need that. Along a quintic of duration T the torque is ``a(s) / T^2 + g(s)``, with ``s`` in
+[0, 1] and the weight ``g``, so the T that goes with a share follows in closed form.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def random_move(
         room = share * torque - np.sign(inertial) * static
         if (np.abs(static) > MOST_HELD * share * torque).any():
             continue
-        duration = max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)))
+        duration = max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)), _smooth_time(arm, goal - start))
         if period is not None:
             duration = period * math.ceil(duration / period)
         if duration <= longest:
@@ -87,6 +87,14 @@ def random_moves(n: int, seed: int, arm: Arm = PLANAR_3R) -> list[MotionProblem]
     generator = np.random.default_rng(seed)
     moves = [random_move(generator, arm) for _ in range(n)]
     return [MotionProblem(arm, move.start, FixedJoints(move.goal), move.duration) for move in moves]
+
+
+def _smooth_time(arm: Arm, change: Array) -> float:
+    """Least time of a quintic within `MOST_SHARE` of the limits of velocity and acceleration, s."""
+    way = np.abs(change)
+    speed = _SPEED.max() * way / (MOST_SHARE * arm.limits.array("velocity"))
+    strength = _ACCELERATION.max() * way / (MOST_SHARE * arm.limits.array("acceleration"))
+    return float(max(speed.max(), math.sqrt(strength.max())))
 
 
 def _quintic_torque(arm: Arm, start: Array, goal: Array) -> tuple[Array, Array]:

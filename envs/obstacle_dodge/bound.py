@@ -18,7 +18,6 @@ import gymnasium as gym
 import numpy as np
 
 import envs  # noqa: F401  registers the environment
-from envs.obstacle_dodge.paths import PATH_STEP
 from planners.motion import spacetime
 from planners.typing import Array
 
@@ -52,18 +51,24 @@ class Bounds:
 def solve(env: Any, env_index: int) -> spacetime.Answer:
     """The earliest motion in an environment of a vector environment that is at the start of an episode."""
     record, config, problem = env.task.batch[env_index], env.task.config, env.motion_problem(env_index)
+    length, time = env.task.scale
+    fitting = {
+        "time_steps": [time * step for step in SETTINGS["time_steps"]],
+        "gap": time * SETTINGS["gap"],
+        "margin": length * SETTINGS["margin"],
+    }
     return spacetime.search(
         problem.arm,
         record["q"],
         record["goal"],
         env.task.obstacle_path(env_index),
-        PATH_STEP,
+        env.task.scale.path_step,
         record["radii"],
         limits=problem.limits,
         tolerance=config.tolerance,
         hold=config.hold_time,
         horizon=config.horizon,
-        **SETTINGS,
+        **(SETTINGS | fitting),
     )
 
 

@@ -35,6 +35,7 @@ CARD = TaskCard(
     bound=Bound(
         "time_to_goal", "a search that knows the whole paths of the discs (half of the acceleration)", time_to_goal
     ),
+    links=(2,),
     recipe="ppo/ObstacleDodge-v0",
     # The radius is the same unless chosen; nothing is held until the goal is reached.
     constant_entries=frozenset({"obstacle_radius", "held"}),

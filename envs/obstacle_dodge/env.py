@@ -10,13 +10,14 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from envs.arms import arm_of, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.observation import Entry, Layout, Observation
 from envs.obstacle_dodge import kernels
-from envs.obstacle_dodge.paths import PATH_STEP
-from envs.obstacle_dodge.starts import PAPER_SCENARIO, DodgeStarts, Episode, ObstacleDodgeOptions
+from envs.obstacle_dodge.scale import scale_of_task
+from envs.obstacle_dodge.starts import DodgeStarts, Episode, ObstacleDodgeOptions, paper_scenario
 from envs.task import LimitSettings, Task, whole_periods
-from planners import SCARA_50CM, FixedHand, MotionProblem, Obstacle
+from planners import SCARA_50CM, Arm, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
 
 
@@ -44,33 +45,74 @@ class ObstacleDodgeConfig(LimitSettings):
     limit_penalty: float = Field(0.1, ge=0.0)
 
 
-def layout_of(discs: int) -> Layout:
-    """What an observation of ObstacleDodge-v0 holds with so many discs."""
+def layout_of(arm: Arm, discs: int) -> Layout:
+    """What an observation of ObstacleDodge-v0 holds with an arm and so many discs; scales follow from the arm."""
+    length, time = scale_of_task(arm)
+    pace = length / time
+    turning, urging = (scale_of(arm, kind, SCARA_50CM) for kind in ("velocity", "acceleration"))
     return Layout(
         (
             Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
-            Entry("joint_velocity", (2,), 2.4, 10.0, "rad/s", "their velocities"),
-            Entry("joint_acceleration", (2,), 10.0, 20.0, "rad/s^2", "their mean accelerations over the last period"),
-            Entry("hand", (2,), 1.0, 2.0, "m", "position of the hand, from the base"),
-            Entry("goal", (2,), 1.0, 2.0, "m", "position to reach, from the base"),
-            Entry("goal_error", (2,), 1.0, 4.0, "m", "from the hand to the goal"),
-            Entry("obstacle", (discs, 2), 1.0, 10.0, "m", "position of each disc, from the base"),
-            Entry("obstacle_velocity", (discs, 2), 1.0, 10.0, "m/s", "velocity of each disc"),
-            Entry("obstacle_radius", (discs,), 0.1, 10.0, "m", "radius of each disc"),
+            Entry("joint_velocity", (2,), 2.4 * turning, 10.0, "rad/s", "their velocities"),
+            Entry(
+                "joint_acceleration",
+                (2,),
+                10.0 * urging,
+                20.0,
+                "rad/s^2",
+                "their mean accelerations over the last period",
+            ),
+            Entry("hand", (2,), length, 2.0, "m", "position of the hand, from the base"),
+            Entry("goal", (2,), length, 2.0, "m", "position to reach, from the base"),
+            Entry("goal_error", (2,), length, 4.0, "m", "from the hand to the goal"),
+            Entry("obstacle", (discs, 2), length, 10.0, "m", "position of each disc, from the base"),
+            Entry("obstacle_velocity", (discs, 2), pace, 10.0, "m/s", "velocity of each disc"),
+            Entry("obstacle_radius", (discs,), 0.1 * length, 10.0, "m", "radius of each disc"),
             Entry(
                 "posture_error", (2, 2), 1.0, 8.0, "rad", "from the joints to both postures with the hand at the goal"
             ),
             Entry(
-                "obstacle_in_link", (discs, 2, 2), 1.0, 10.0, "m", "position of each disc, in the frame of each link"
+                "obstacle_in_link",
+                (discs, 2, 2),
+                length,
+                10.0,
+                "m",
+                "position of each disc, in the frame of each link",
             ),
-            Entry("obstacle_velocity_in_link", (discs, 2, 2), 1.0, 10.0, "m/s", "velocity along the axes of each link"),
-            Entry("obstacle_acceleration", (discs, 2), 10.0, 2.0, "m/s^2", "of each disc, along the axes of link 1"),
-            Entry("link_clearance", (discs, 2), 0.5, 10.0, "m", "between the surfaces of each link and each disc"),
-            Entry("clearance", (), 0.5, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
-            Entry("time_left", (), 8.0, 10.0, "s", "until the episode ends"),
+            Entry(
+                "obstacle_velocity_in_link", (discs, 2, 2), pace, 10.0, "m/s", "velocity along the axes of each link"
+            ),
+            Entry(
+                "obstacle_acceleration",
+                (discs, 2),
+                10.0 * pace / time,
+                2.0,
+                "m/s^2",
+                "of each disc, along the axes of link 1",
+            ),
+            Entry(
+                "link_clearance",
+                (discs, 2),
+                0.5 * length,
+                10.0,
+                "m",
+                "between the surfaces of each link and each disc",
+            ),
+            Entry("clearance", (), 0.5 * length, 10.0, "m", "between the surfaces of the arm and the nearest disc"),
+            Entry("time_left", (), 8.0 * time, 10.0, "s", "until the episode ends"),
             Entry("held", (), 1.0, 1.0, "-", "share of the hold time for which the hand has been at the goal"),
         )
     )
+
+
+def dodging_arm(config: ObstacleDodgeConfig) -> Arm:
+    """The arm of the settings without its jerk limits: evading takes sudden accelerations."""
+    arm = arm_of(config, SCARA_50CM)
+    return replace(arm, limits=replace(arm.limits, jerk=(math.inf, math.inf)))
+
+
+VIEW = (-1.42, 1.42, -1.42, 1.42)
+"""Part of the plane that a frame shows with its own arm, m."""
 
 
 class ObstacleDodge(Task):
@@ -80,7 +122,8 @@ class ObstacleDodge(Task):
     config_type = ObstacleDodgeConfig
     options_type = ObstacleDodgeOptions
     kernels: ClassVar[Any] = kernels
-    layout = layout_of(1)
+    default_arm = SCARA_50CM
+    layout = layout_of(SCARA_50CM, 1)
     reward_terms = ("progress", "goal", "clearance", "collision", "limits")
     outcomes: ClassVar = {
         "collision": "whether the arm has touched a disc",
@@ -89,25 +132,44 @@ class ObstacleDodge(Task):
         "goal_distance": "from the hand to the goal, m",
     }
     gauges = ("velocity", "acceleration")
-    view = (-1.42, 1.42, -1.42, 1.42)
+    view = VIEW
     config: ObstacleDodgeConfig
 
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
-        self.layout = layout_of(config.num_obstacles)
-        samples = math.ceil(config.horizon / PATH_STEP - 1e-6) + 1
+        arm = dodging_arm(config)
+        self.scale = scale_of_task(arm)
+        self.layout = layout_of(arm, config.num_obstacles)
+        self.view = scaled_view(VIEW, arm, SCARA_50CM)
+        samples = math.ceil(config.horizon / self.scale.path_step - 1e-6) + 1
         fields = kernels.env_fields(samples, config.num_obstacles)
         hold_steps = whole_periods(config, "hold_time", config.hold_time)
-        constants = {"link_radius": SCARA_50CM.link_radius, "hold_steps": hold_steps}
-        super().__init__(config, SCARA_50CM, num_envs, fields, constants)
-        acceleration = 0.5 * np.array(self.arm.limits.acceleration)
-        self._planning_limits = replace(self.arm.limits, acceleration=tuple(acceleration.tolist()))
-        self._starts = DodgeStarts(self.arm, self._planning_limits, samples, config.num_obstacles)
+        constants = {"link_radius": arm.link_radius, "hold_steps": hold_steps, "path_step": self.scale.path_step}
+        super().__init__(config, arm, num_envs, fields, constants)
+        acceleration = 0.5 * arm.limits.array("acceleration")
+        self._planning_limits = replace(arm.limits, acceleration=tuple(acceleration.tolist()))
+        self._starts = DodgeStarts(arm, self._planning_limits, samples, config.num_obstacles, self.scale)
+
+    @classmethod
+    def fit(cls, config: ObstacleDodgeConfig) -> ObstacleDodgeConfig:
+        """Tolerance and clearance margin in the units of the arm, and the horizon in its unit of time."""
+        if config.arm is None:
+            return config
+        length, time = scale_of_task(dodging_arm(config))
+        periods = math.ceil(time * config.horizon / config.control_period - 1e-6)
+        fitting = {
+            "tolerance": length * config.tolerance,
+            "clearance_margin": length * config.clearance_margin,
+            "horizon": min(60.0, periods * config.control_period),
+        }
+        left_out = fitting.keys() - config.model_fields_set
+        return config.model_copy(update={name: fitting[name] for name in left_out})
 
     def draw(self, generators: Sequence[np.random.Generator], options: ObstacleDodgeOptions) -> list[Episode]:
         """One posture, goal and set of disc paths per generator, drawn or given."""
         if options.scenario == "paper":
             given = options.model_dump(exclude={"scenario"}, exclude_none=True)
-            options = ObstacleDodgeOptions.parse({**PAPER_SCENARIO, **given}, f"{self.env_id} option")
+            scenario = {**paper_scenario(self.scale), **given}
+            options = ObstacleDodgeOptions.parse(scenario, f"{self.env_id} option")
         return [self._starts.draw(generator, options) for generator in generators]
 
     def write_start(self, env_index: int, start: Episode) -> None:
@@ -127,7 +189,7 @@ class ObstacleDodge(Task):
         }
 
     def obstacle_path(self, env_index: int) -> Array:
-        """Disc positions over the whole episode, at multiples of `PATH_STEP`, ``(samples, discs, 2)``, m.
+        """Disc positions over the whole episode, at multiples of `Scale.path_step`, ``(samples, discs, 2)``, m.
 
         For bounds and pictures: no policy observes it.
         """

@@ -12,6 +12,7 @@ from envs.experts.base import Expert
 from envs.observation import Observation
 from envs.obstacle_dodge.env import ObstacleDodge
 from envs.obstacle_dodge.paths import NEAREST
+from envs.obstacle_dodge.scale import Scale, scale_of_task
 from planners import MotionProblem, Trajectory, dpct, lagrange
 from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
 from planners.typing import Array
@@ -33,7 +34,8 @@ def time_along_line(problem: MotionProblem) -> Trajectory:
 
 def pass_via_nodes(problem: MotionProblem) -> Trajectory:
     """Lagrange: an interpolant whose inner nodes are moved aside of the predicted discs."""
-    return lagrange.plan(_with_full_limits(problem), variant="via", contact="delay", keep_out=NEAREST)
+    keep_out = NEAREST * scale_of_task(problem.arm).length
+    return lagrange.plan(_with_full_limits(problem), variant="via", contact="delay", keep_out=keep_out)
 
 
 def _with_full_limits(problem: MotionProblem) -> MotionProblem:
@@ -42,6 +44,33 @@ def _with_full_limits(problem: MotionProblem) -> MotionProblem:
     acceleration = tuple(ACCELERATION_SHARE * value for value in limits.acceleration)
     velocity = tuple(VELOCITY_SHARE * value for value in limits.velocity)
     return replace(problem, limits=replace(limits, acceleration=acceleration, velocity=velocity))
+
+
+def in_units(gains: DodgeGains, scale: Scale) -> DodgeGains:
+    """Gains that were tuned for the task's own arm in the units of another."""
+    length, time = scale
+    if scale == (1.0, 1.0):
+        return gains
+    return replace(
+        gains,
+        horizon=min(5.0, time * gains.horizon),
+        margin=length * gains.margin,
+        margin_growth=length / time * gains.margin_growth,
+        closeness=gains.closeness / length,
+        closeness_memory=time * gains.closeness_memory,
+        collision=time * gains.collision,
+        collision_memory=time * gains.collision_memory,
+        success=time * gains.success,
+        detour=time * gains.detour,
+        constancy=time * gains.constancy,
+        elbow=time * gains.elbow,
+        corner=time * gains.corner,
+        corner_reach=length * gains.corner_reach,
+        lag=time * gains.lag,
+        confidence=time * gains.confidence,
+        nearest=length * gains.nearest,
+        farthest=length * gains.farthest,
+    )
 
 
 class DodgingExpert(Expert):
@@ -55,7 +84,7 @@ class DodgingExpert(Expert):
     def __init__(self, task: ObstacleDodge, gains: DodgeGains | None = None) -> None:
         super().__init__(task)
         self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
-        self._gains = gains or tuned_gains()
+        self._gains = gains or in_units(tuned_gains(), task.scale)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
         seen = self.task.layout.parse(observations)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from envs.obstacle_dodge.paths import PATH_STEP
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
 from envs.physics.rigid_bodies import read_joint_state, step_physics
@@ -43,7 +42,7 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
     begin_episode(env, shared)
     env.held_steps = 0
     env.collision = False
-    move_discs(env, 0.0)
+    move_discs(env, shared.path_step, 0.0)
     env.disc_velocities_before[:] = env.disc_velocities
     env.clearance = env.min_clearance = measure_clearance(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
@@ -86,16 +85,16 @@ def _move_among_discs(env: Any, shared: Any) -> float:
     for substep in range(shared.substeps):
         step_physics(env, shared, env.tau)
         read_joint_state(env, shared)
-        move_discs(env, env.step * shared.control_period + (substep + 1) * shared.physics_step)
+        move_discs(env, shared.path_step, env.step * shared.control_period + (substep + 1) * shared.physics_step)
         env.clearance = measure_clearance(env, shared)
         closest = min(closest, env.clearance)
     return closest
 
 
 @njit(cache=True, nogil=True)
-def move_discs(env: Any, t: float) -> None:
+def move_discs(env: Any, path_step: float, t: float) -> None:
     """Move the discs of an environment along their paths to time ``t``, s; velocities are backward differences."""
-    place = t / PATH_STEP + 1e-9  # a time that is a sample must not fall before it by rounding
+    place = t / path_step + 1e-9  # a time that is a sample must not fall before it by rounding
     left = min(int(place), env.path.shape[0] - 2)
     share = min(1.0, max(0.0, place - left))
     for disc in range(env.radii.shape[0]):
@@ -104,7 +103,7 @@ def move_discs(env: Any, t: float) -> None:
             env.discs[disc, axis] = before + share * (after - before)
             if share < 1e-6 and left > 0:
                 before, after = env.path[left - 1, disc, axis], before
-            env.disc_velocities[disc, axis] = (after - before) / PATH_STEP
+            env.disc_velocities[disc, axis] = (after - before) / path_step
 
 
 @njit(cache=True, nogil=True)
@@ -166,8 +165,14 @@ def _observe_postures(env: Any, shared: Any) -> None:
     x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
     for branch in range(2):
         q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
-        env.seen.posture_error[branch, 0] = q1 - env.q[0]
-        env.seen.posture_error[branch, 1] = q2 - env.q[1]
+        env.seen.posture_error[branch, 0] = _nearest_turn(q1, shared.angle_middle[0]) - env.q[0]
+        env.seen.posture_error[branch, 1] = _nearest_turn(q2, shared.angle_middle[1]) - env.q[1]
+
+
+@njit(cache=True, nogil=True)
+def _nearest_turn(angle: float, middle: float) -> float:
+    """An angle in whole turns closest to the middle of a joint's range."""
+    return angle + 2.0 * math.pi * round((middle - angle) / (2.0 * math.pi))
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,8 @@ A path is the centre of a disc at every `PATH_STEP`, straight in between. Three 
 * ``passes``: straight through the workspace, aimed at the arm, to the rim or the base, and back again.
 * ``wander``: a random velocity around zero, between soft walls.
 
+Lengths and times are those of the task's own arm; other arms have other units (`envs.obstacle_dodge.scale`).
+
 A disc is aimed at the place of a point of the arm at the disc's arrival, if the arm moves straight to its goal.
 """
 
@@ -82,6 +84,16 @@ class StraightMove(NamedTuple):
     top: float
     ramp: float
     goal: Array
+
+    def in_units(self, length: float, time: float) -> StraightMove:
+        """The same move with lengths in units of ``length`` m and times in units of ``time`` s."""
+        return self._replace(
+            lengths=self.lengths / length,
+            link_radius=self.link_radius / length,
+            top=self.top * time,
+            ramp=self.ramp / time,
+            goal=self.goal / length,
+        )
 
 
 def straight_move(arm: Arm, limits: JointLimits, start: Array, end: Array) -> StraightMove:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
-from importlib import metadata
+from importlib import import_module, metadata
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+import numba
 import pytest
 
+import agents
+import envs
 from agents.cli import COMMANDS, main
 from agents.commands import rollout
+from agents.console import note_compiling
 
 
 def test_help_is_quick_because_it_imports_nothing() -> None:
@@ -82,3 +90,90 @@ def test_the_commands_own_exit_code_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rollout, "run", lambda options: seen.append(options) or 7)
     assert main(["rollout", "ConveyorTrack-v0", "--seed", "4", "--render"]) == 7
     assert (seen[0].seed, seen[0].render) == (4, True)
+
+
+def planarm(*arguments: str, **env: str) -> subprocess.CompletedProcess[str]:
+    """Run the command in a fresh process."""
+    command = [sys.executable, "-m", "agents.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **env})
+
+
+def test_help_can_be_printed_where_only_ascii_can() -> None:
+    result = planarm("--help", PYTHONIOENCODING="ascii")
+    assert result.returncode == 0, result.stderr
+    assert "planarm benchmark" in result.stdout
+
+
+def test_json_is_written_even_if_nobody_reads_the_tables(tmp_path: Path) -> None:
+    path = tmp_path / "scores.json"
+    command = [sys.executable, "-m", "agents.cli", "evaluate", "follower", "--env", "ConveyorTrack-v0"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    result = subprocess.run([*command, "--episodes", "2", "--json", str(path)], stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert json.loads(path.read_text())["complete"] is True
+    assert result.returncode == 1
+    assert b"Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "dpct", "--env", "ConveyorTrack-v0", "--json"],
+        ["benchmark", "--json"],
+        ["rollout", "ConveyorTrack-v0", "--record"],
+        ["paths", "ConveyorTrack-v0", "--plot"],
+        ["paper-dpct", "--json"],
+    ],
+)
+def test_a_file_that_cannot_be_written_is_said_before_the_work(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(import_module(COMMANDS[arguments[0]].module), "run", lambda options: pytest.fail("it ran"))
+    (tmp_path / "file").write_text("no folder")
+    assert main([*arguments, str(tmp_path / "file" / "out.png")]) == 2
+    assert capsys.readouterr().err.startswith(f"planarm {arguments[0]}: cannot write ")
+
+
+def test_compiling_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with note_compiling():
+        for _ in range(2):
+            numba.njit(lambda x: x + 1)(2)
+    numba.njit(lambda x: x + 1)(2)
+    assert capsys.readouterr().err.count("compiling (first run only)") == 1
+
+
+def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert main(["rollout", "ConveyorTrack-v0", "--render"]) == 2
+    assert "--render needs a display" in capsys.readouterr().err
+
+
+def test_a_task_of_ones_own_in_every_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "slow_belt.py").write_text(
+        "import envs\nfrom envs.conveyor_track.env import ConveyorTrack\n\n\n"
+        "class SlowBelt(ConveyorTrack):\n    env_id = 'SlowBelt-v0'\n\n\n"
+        "envs.register('SlowBelt-v0', SlowBelt, envs.task_card('ConveyorTrack-v0'))\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    name, few = "slow_belt:SlowBelt-v0", ["--episodes", "2"]
+    try:
+        for arguments in (
+            ["list", name],
+            ["benchmark", "--tasks", name, "--policies", "dpct", "random", "--bound-episodes", "0", *few],
+            ["evaluate", "follower", "--env", name, *few],
+            ["rollout", name, "--policy", "follower", "--options", "belt_speed=0.15"],
+            ["paths", name, "--policies", "follower"],
+        ):
+            assert main(arguments) == 0, arguments
+            assert "SlowBelt-v0" in capsys.readouterr().out
+        assert agents.evaluate("follower", name, [0]).env_id == "SlowBelt-v0"
+    finally:
+        sys.modules.pop("slow_belt", None)
+        gym.registry.pop("SlowBelt-v0", None)
+        envs.card._CARDS.pop("SlowBelt-v0", None)

@@ -123,3 +123,27 @@ def test_a_missing_library_is_named_with_its_extra(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == module else find(name))
     with pytest.raises(DependencyNotInstalled, match=rf"planarm\[{extra}\]"):
         run(RolloutOptions(env=ENV_ID, record=Path(f"film{suffix}")))
+
+
+def test_a_film_that_ffmpeg_does_not_finish_is_an_error_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: "false")
+    path = tmp_path / "episode.mp4"
+    with pytest.raises(OSError, match=r"cannot write .*episode\.mp4: ffmpeg ended with 1"):
+        run(RolloutOptions(env=ENV_ID, policy="follower", record=path, fps=2, width=64))
+    assert not list(tmp_path.iterdir())
+    assert "wrote" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("env_id", "scenario"), [("ExcavatorPayload-v0", "cycle"), (ENV_ID, "paper")])
+def test_a_scenario_is_an_option_of_the_reset(env_id: str, scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(RolloutOptions(env=env_id, scenario=scenario)) == 0
+    short = capsys.readouterr().out
+    assert run(RolloutOptions(env=env_id, options=(f"scenario={scenario}",))) == 0
+    assert capsys.readouterr().out == short
+    with pytest.raises(ValueError, match="give one of them"):
+        run(RolloutOptions(env=env_id, scenario=scenario, options=("scenario=random",)))
+    with pytest.raises(ValueError, match="scenario"):
+        run(RolloutOptions(env=env_id, scenario="no such start"))

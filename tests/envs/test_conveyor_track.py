@@ -14,9 +14,10 @@ import pytest
 import scipy.stats
 
 import envs
-from envs.conveyor_track import starts
+from envs.conveyor_track import table
+from envs.conveyor_track.belt import RANGES, Demands, Start, problem_of, why_unsolvable
 from envs.conveyor_track.env import LAYOUT
-from envs.conveyor_track.starts import AXES, TABLE, Demands, Start, problem_of, why_unsolvable
+from envs.conveyor_track.table import TABLE
 from envs.experts import PlanningExpert
 from planners import SCARA_1M, Infeasible, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 
@@ -71,9 +72,9 @@ class TestStart:
             "hand_x": seen["hand"][:, 0],
         }
         for name, values in drawn.items():
-            assert values.min() >= AXES[name][0] - 1e-6
-            assert values.max() <= AXES[name][-1] + 1e-6
-            assert np.ptp(values) >= 0.5 * np.ptp(AXES[name]), name
+            assert values.min() >= RANGES[name][0] - 1e-6
+            assert values.max() <= RANGES[name][1] + 1e-6
+            assert np.ptp(values) >= 0.5 * np.ptp(RANGES[name]), name
         elbows = np.sign(seen["joint_position"][:, 1])
         assert 60 <= (elbows > 0).sum() <= 240
 
@@ -407,11 +408,11 @@ def test_problem_of_a_start_is_the_environments_own() -> None:
 
 
 def test_the_table_of_starts_is_built_as_it_is_stored(tmp_path: Path) -> None:
-    from tools.conveyor_starts import build
+    from tools.conveyor_starts import AXES, build
 
     low = {"belt_speed": 3, "offset": 3, "line_height": 1, "hand_x": 1}
     build(tmp_path / TABLE, {name: AXES[name][first : first + 2] for name, first in low.items()})
-    with np.load(tmp_path / TABLE) as built, np.load(Path(starts.__file__).with_name(TABLE)) as stored:
+    with np.load(tmp_path / TABLE) as built, np.load(Path(table.__file__).with_name(TABLE)) as stored:
         part = tuple(slice(first, first + 2) for first in low.values())
         assert np.isfinite(built["rendezvous_time"]).any()
         for name in ("rendezvous_time", "rides_until"):

@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 
 from planners.excavator import (
     BRANCH_NAMES,
+    EXCAVATOR,
     Branches,
     Excavator,
     IKStatus,
@@ -387,3 +388,21 @@ def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str)
     target: dict[str, object] = {"tip": [2.0, 0.0, 1.0], "axis": [0.0, 0.0, -1.0]}
     with pytest.raises(ValueError, match=re.escape(message)):
         inverse_kinematics(**(target | arguments))  # type: ignore[arg-type]
+
+
+def test_ranges_around_any_angle_hold_and_turn_the_branches() -> None:
+    """A machine whose slew goes from 1 to 5 rad, more than half a turn from 0, and whose boom only goes up."""
+    ranges = ((1.0, 5.0), (0.1, 1.2), (-2.6, 0.2), 2.6, 2.6)
+    machine = dataclasses.replace(EXCAVATOR, limits=dataclasses.replace(EXCAVATOR.limits, angle=ranges))
+    limits = machine.limits
+    q = np.random.default_rng(3).uniform(limits.angle_lower, limits.angle_upper, (2000, 5))
+    tip, axis = forward_kinematics(q, machine=machine)
+    solved = inverse_kinematics(tip, axis, near=q, machine=machine)
+    usable = solved.usable
+    assert usable.any(axis=-1).mean() > 0.99
+    outside = ~limits.within(solved.q)
+    assert not (usable & outside & (np.abs(solved.q - limits.angle_middle) > limits.angle_half + 1e-9).any(-1)).any()
+    moved = np.abs(nearest_q(solved) - q).max(axis=-1)
+    assert (moved < 1e-6).mean() > 0.95
+    row, branch = np.argwhere((solved.status & IKStatus.RANGE) != 0)[0]
+    assert re.search(r"deg of (57 to 286|6 to 69|-149 to 11|\+-149)", solved.explain(int(row)).splitlines()[branch])

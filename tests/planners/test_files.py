@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import stat
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planners.files import whole_file, write_json, write_text
+from planners.files import check_output, whole_file, write_json, write_text
 
 
 def refuse_constant(name: str) -> None:
@@ -54,3 +57,53 @@ def test_an_interrupted_draft_is_gone(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         write_half()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_behind_a_link_the_file_that_it_leads_to_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    link, target = tmp_path / "link.json", tmp_path / "there" / "target.json"
+    link.symlink_to(target)
+    for text in ("made", "replaced"):
+        write_text(link, text)
+        assert link.is_symlink()
+        assert target.read_text() == text
+    target.chmod(0o640)
+    write_text(link, "again")
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["link.json", "target.json", "there"]
+
+
+def test_a_pipe_gets_the_content_and_stays_a_pipe(tmp_path: Path) -> None:
+    pipe, read = tmp_path / "pipe.json", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    check_output(pipe)
+    write_text(pipe, "through")
+    reader.join()
+    assert read == ["through"]
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_device_stays_a_device() -> None:
+    check_output(Path("/dev/null"))
+    write_text(Path("/dev/null"), "gone")
+    assert Path("/dev/null").is_char_device()
+    with pytest.raises(OSError, match="cannot write /dev/full: No space left"):
+        write_text(Path("/dev/full"), "too much")
+
+
+def test_what_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("a file")
+    check_output(None)
+    check_output(tmp_path / "new" / "folder" / "results.json")
+    assert not (tmp_path / "new").exists()
+    for path, complaint in (
+        (tmp_path, "it is a folder"),
+        (tmp_path / "file" / "results.json", "Not a directory"),
+        (Path("/proc/results.json"), "cannot write /proc/results.json"),
+        (Path("results\0.json"), "null"),
+    ):
+        with pytest.raises(ValueError, match=complaint):
+            check_output(path)
