@@ -10,6 +10,7 @@ import numpy as np
 
 from envs.arms import quickness
 from planners import SCARA_1M, Arm, Infeasible, MotionProblem, MovingHand, UnreachableTarget, dpct
+from planners.robot.kinematics import turned_towards
 from planners.typing import Array
 
 
@@ -100,7 +101,7 @@ def posture(arm: Arm, start: Start) -> Array:
     """
     hand = np.array([start.hand_x, start.line_height]) + arm.base_array
     q = arm.inverse_kinematics(hand, orientation(arm))[0 if start.elbow > 0.0 else 1]
-    turned: Array = q + 2.0 * np.pi * np.round((arm.limits.angle_middle - q) / (2.0 * np.pi))
+    turned: Array = turned_towards(q, arm.limits.angle_middle)
     return turned
 
 

@@ -12,7 +12,7 @@ from envs.physics.actuation import command, finish_period
 from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
 from envs.physics.rigid_bodies import read_joint_state, step_physics
 from planners.robot.clearance import clearance_single
-from planners.robot.kinematics import hand_state_single, two_link_branch
+from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
 
 def env_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
@@ -165,14 +165,8 @@ def _observe_postures(env: Any, shared: Any) -> None:
     x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
     for branch in range(2):
         q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
-        env.seen.posture_error[branch, 0] = _nearest_turn(q1, shared.angle_middle[0]) - env.q[0]
-        env.seen.posture_error[branch, 1] = _nearest_turn(q2, shared.angle_middle[1]) - env.q[1]
-
-
-@njit(cache=True, nogil=True)
-def _nearest_turn(angle: float, middle: float) -> float:
-    """An angle in whole turns closest to the middle of a joint's range."""
-    return angle + 2.0 * math.pi * round((middle - angle) / (2.0 * math.pi))
+        env.seen.posture_error[branch, 0] = turned_towards(q1, shared.angle_middle[0]) - env.q[0]
+        env.seen.posture_error[branch, 1] = turned_towards(q2, shared.angle_middle[1]) - env.q[1]
 
 
 @njit(cache=True, nogil=True)

@@ -13,6 +13,7 @@ from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_path, follow_po
 from envs.obstacle_dodge.scale import Scale
 from envs.settings import Settings
 from planners import Arm, JointLimits
+from planners.robot.kinematics import turned_towards
 from planners.typing import Array
 
 Pair = tuple[float, float]
@@ -155,8 +156,7 @@ class DodgeStarts:
         """The posture with the hand at a goal: on the start's side of the elbow, if the ranges allow it."""
         limits = self._arm.limits
         branches = self._arm.inverse_kinematics(np.array(goal) + self._arm.base_array)
-        branches += 2.0 * np.pi * np.round((limits.angle_middle - branches) / (2.0 * np.pi))
-        allowed = [q for q in branches if limits.within(q)]
+        allowed = [q for q in turned_towards(branches, limits.angle_middle) if limits.within(q)]
         if not allowed:
             raise ValueError(f"goal {goal} m: every posture with the hand there leaves a joint's range")
         return min(allowed, key=lambda q: float(q[1] * start[1] < 0.0))

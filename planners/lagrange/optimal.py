@@ -43,8 +43,11 @@ SETTLED = 0.5
 MET = np.array([[1e-6], [1e-6], [1e-3]])
 """Differences of joint angle, velocity and acceleration (SI units) below which the arm already follows the target."""
 
-TIME_PRECISION, GROWTH, MOST_GROWTHS = 0.01, 1.5, 16
-"""Of the search for the minimum time: relative precision, factor and number of steps of the bracketing."""
+TIME_PRECISION, GROWTH, MOST_GROWTHS, GROWTHS_IF_WEAK = 0.01, 1.5, 16, 6
+"""Of the search for the minimum time: relative precision, factor and number of steps of the bracketing, and their
+number where slow motions exceed a torque limit by gravity alone."""
+
+WAY_SHARES = np.linspace(0.0, 1.0, 21)
 
 _PLANNER = "lagrange (optimal)"
 
@@ -65,7 +68,7 @@ class Settings(NamedTuple):
     "optimal",
     {
         "joints": Takes(arrives="on time"),
-        "hand": Takes(links=(2, 3), arrives="on time"),
+        "hand": Takes(arrives="on time"),
         "moving hand": Takes(links=(2, 3)),
     },
 )
@@ -132,6 +135,7 @@ def plan_optimal(
 def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array], settings: Settings) -> Trajectory:
     """Come to rest in one of the goal postures at the horizon."""
     still = np.zeros(problem.arm.n_joints)
+    goals = _holdable(move, goals)
     moves = [move.to(np.stack([goal, still, still]), problem.horizon) for goal in goals]
     if len(moves) == 1:
         _require_within_limits(moves[0], 1, "limits", 1.0)
@@ -141,6 +145,52 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
     t, q, _, qd, qdd, _ = _sample(fit)
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)
     return _with_cost(trajectory, settings)
+
+
+def _holdable(move: JointMove, goals: Sequence[Array]) -> list[Array]:
+    """Goals at which the torque limits hold the arm against gravity.
+
+    Raises:
+        Infeasible: with reason ``limits`` if there is none.
+    """
+    loads = [_weight_loads(move, goal) for goal in goals]
+    held = [goal for goal, load in zip(goals, loads, strict=True) if load.max() <= 1.0]
+    if not held:
+        raise _too_weak(move, goals[int(np.argmin([load.max() for load in loads]))], "hold the target")
+    return held
+
+
+def _weight_loads(move: JointMove, q: Array) -> Array:
+    """|torque| / limit of every joint at rest in a posture, ``(n,)``."""
+    still = np.zeros_like(q)
+    loads: Array = np.abs(move.arm.inverse_dynamics(q, still, still)) / move.limits.array("torque")
+    return loads
+
+
+def _too_weak_on_the_way(moves: Sequence[JointMove]) -> Infeasible | None:
+    """The refusal where gravity takes more than a torque limit at the start, or on every straight way to a goal."""
+    start = moves[0].ends.start[0]
+    if _weight_loads(moves[0], start).max() > 1.0:
+        return _too_weak(moves[0], start, "hold the start")
+    ways = [start + share * (move.ends.end[0] - start) for move in moves for share in WAY_SHARES]
+    loads = np.array([_weight_loads(moves[0], q).max() for q in ways]).reshape(len(moves), -1)
+    easiest = int(loads.max(axis=1).argmin())
+    if loads[easiest].max() <= 1.0:
+        return None
+    q = ways[easiest * len(WAY_SHARES) + int(loads[easiest].argmax())]
+    return _too_weak(moves[0], q, "pass slowly on the straight way to the target")
+
+
+def _too_weak(move: JointMove, q: Array, what: str) -> Infeasible:
+    """The refusal of a posture in which gravity takes more than a torque limit."""
+    loads = _weight_loads(move, q)
+    joint = int(loads.argmax())
+    limit = float(move.limits.array("torque")[joint])
+    message = (
+        f"joint {joint + 1} needs {loads[joint] * limit:.4g} N m against gravity to {what}, and its torque limit is "
+        f"{limit:.4g} N m; raise the limit or reduce the payload"
+    )
+    return Infeasible("limits", message, joint=joint, kind="torque", ratio=float(loads[joint]))
 
 
 def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> Trajectory:
@@ -196,13 +246,14 @@ def _late(moves: Sequence[JointMove], settings: Settings) -> Infeasible:
 
     horizon = moves[0].duration
     low, high, fit = horizon, horizon, None
-    for _ in range(MOST_GROWTHS):
+    weak = _too_weak_on_the_way(moves)
+    for _ in range(MOST_GROWTHS if weak is None else GROWTHS_IF_WEAK):
         low, high = high, GROWTH * high
         fit = search(high, None)
         if fit is not None:
             break
     if fit is None:
-        return Infeasible("limits", f"no motion within the limits found, not even in {high:.4g} s")
+        return weak or Infeasible("limits", f"no motion within the limits found, not even in {high:.4g} s")
     while high - low > TIME_PRECISION * high:
         middle = 0.5 * (low + high)
         found = search(middle, fit.curve)

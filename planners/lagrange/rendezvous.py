@@ -116,16 +116,17 @@ def _postures_on_line(problem: MotionProblem, target: MovingHand, elbow: Elbow) 
         order = np.array(sorted(range(ORIENTATIONS), key=lambda i: min(i, ORIENTATIONS - i)))
         orientations = [float(problem.q.sum() + turn) for turn in 2.0 * np.pi / ORIENTATIONS * order]
     postures: list[Array] = []
+    refusal = f"the target is met on no posture with its elbow on branch {elbow!r}; use 'best'"
     for orientation in orientations:
         try:
             branches = _reachable_branches(problem, places, orientation)
         except UnreachableTarget as error:
-            unreachable = error
+            refusal = str(error)
             continue
         bent = branches[np.abs(np.sin(branches[:, 0, 1])).argmax()]
         postures += [branch for branch in bent if on_branch(branch, problem.q, elbow)]
     if not postures:
-        raise Infeasible("unreachable", str(unreachable))
+        raise Infeasible("unreachable", refusal)
     return [problem.q + wrap(posture - problem.q) for posture in postures]
 
 

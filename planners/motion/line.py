@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from planners.goals import nearest_turns
 from planners.motion.path import HandLine, JointLine, Path
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.arm import Arm, JointLimits
@@ -104,8 +105,11 @@ def _fixed_hand(problem: MotionProblem, target: FixedHand, branch: Branch) -> Li
     turn = 0.0 if target.orientation is None else target.orientation - float(posture.sum())
     if len(posture) == 3 and abs((turn + np.pi) % (2.0 * np.pi) - np.pi) > 1e-9:
         branches = _inverse(problem.arm, target.position, target.orientation)
-        goal = branches[0 if np.sin(posture[1]) >= 0.0 else 1]
-        return _joint_line(problem, goal + 2.0 * np.pi * np.round((posture - goal) / (2.0 * np.pi)))
+        goal = nearest_turns(branches[0 if np.sin(posture[1]) >= 0.0 else 1], posture, problem.joint_limits)
+        if np.isnan(goal).any():
+            ranges = problem.joint_limits.angle_text
+            raise Infeasible("unreachable", f"the posture at the target leaves a joint's range, {ranges}")
+        return _joint_line(problem, goal)
     hand = problem.arm.forward_kinematics(problem.q)
     displacement = target.position - hand
     distance = float(np.linalg.norm(displacement))

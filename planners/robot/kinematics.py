@@ -6,8 +6,11 @@ Angles are relative: link i points along ``phi_i = q_0 + ... + q_i``. Arrays are
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from planners.typing import Array
@@ -175,6 +178,12 @@ def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Ar
         ) from None
     q3 = wrap(orientation[:, None] - first_two.sum(axis=-1))
     return np.concatenate([first_two, q3[..., None]], axis=-1)
+
+
+@register_jitable
+def turned_towards(angle: Any, near: Any) -> Any:
+    """Angles in the whole turns that are closest to others, rad; for numbers and arrays, in compiled code too."""
+    return angle + 2.0 * np.pi * np.rint((near - angle) / (2.0 * np.pi))
 
 
 def wrap(angle: Array) -> Array:

@@ -104,8 +104,7 @@ def _starts(number: int, lengths: Array, hand: Array, lower: Array, upper: Array
     folded[np.argmax(lengths)] = direction
     along = np.diff(np.stack([stretched, folded]), axis=1, prepend=0.0)
     bent = along + 0.1 * (-1.0) ** np.arange(n)
-    turned = np.concatenate([along, bent])
-    turned += 2.0 * np.pi * np.round(((low + high) / 2.0 - turned) / (2.0 * np.pi))
+    turned = kinematics.turned_towards(np.concatenate([along, bent]), (low + high) / 2.0)
     starts: Array = np.clip(np.concatenate([near[None], turned, spread]), low, high)
     return starts
 

@@ -59,7 +59,7 @@ Contact = Literal["refuse", "delay"]
     "via",
     {
         "joints": Takes(obstacles="avoided", needs=("velocity", "acceleration")),
-        "hand": Takes(links=(2, 3), obstacles="avoided", needs=("velocity", "acceleration")),
+        "hand": Takes(obstacles="avoided", needs=("velocity", "acceleration")),
     },
 )
 def plan_via(

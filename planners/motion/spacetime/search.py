@@ -21,6 +21,7 @@ from planners.motion.spacetime.lattice import FOUND, GAVE_UP, LAYER, Effort, Lat
 from planners.motion.spacetime.world import Goal, World
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.arm import Arm, JointLimits
+from planners.robot.kinematics import turned_towards
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
@@ -225,7 +226,8 @@ def _postures(arm: Arm, world: World, hands: Array) -> Array:
     distance = np.hypot(*away.T)[:, None]
     within = np.clip(distance, abs(arm.lengths[0] - arm.lengths[1]), arm.reach)
     q = arm.inverse_kinematics(arm.base_array + away * within / np.maximum(distance, np.finfo(float).tiny))
-    return q + 2.0 * np.pi * np.round((world.middle - q) / (2.0 * np.pi))
+    turned: Array = turned_towards(q, world.middle)
+    return turned
 
 
 def _boxes(arm: Arm, world: World, place: Array, tolerance: float) -> Array:
