@@ -265,14 +265,15 @@ def _pieces(world: World, lattice: Lattice, motion: States, profiles: Array) -> 
 
 
 def _sample(arm: Arm, limits: JointLimits, pieces: Pieces, entry: float, end: float) -> Trajectory:
-    """The motion on a dense grid until ``end``."""
+    """The motion on a dense grid until ``end``, with two samples where the acceleration jumps."""
     begins, q0, qd0, accelerations = pieces
     jumps = begins[(begins > JUMP) & (begins < end - JUMP)]
     jumps = jumps[np.diff(jumps, prepend=-1.0) > 2.0 * JUMP]
     grid = np.linspace(0.0, end, round(end / GRID) + 1)
     near = np.min(np.abs(grid[:, None] - jumps), axis=1, initial=np.inf) < 2.0 * JUMP
-    t = np.sort(np.concatenate([grid[~near], jumps - JUMP, jumps]))
+    t = np.sort(np.concatenate([grid[~near], jumps, jumps]))
     piece = np.searchsorted(begins, t, side="right") - 1
+    piece[np.append(np.diff(t) == 0.0, False)] -= 1
     since = (t - begins[piece])[:, None]
     qdd = accelerations[piece]
     qd = qd0[piece] + since * qdd
