@@ -26,6 +26,9 @@ ANIMATE = "planarm.animate"
 SAME_TIME = 1e-12
 """Difference of the times of two samples, as a fraction of the duration, that is rounding: they have the same time."""
 
+MOST_TURNS = 4
+"""Most turning points of a value between two samples: one is found at a time."""
+
 FALL = 1e-9
 """Fall of the time between two samples, as a fraction of the duration, that is rounding."""
 
@@ -193,7 +196,12 @@ def sampled_trajectory(
     rising = np.maximum.accumulate(times)
     if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] > 0.0:
         raise ValueError("the times of the samples must begin at 0 and never fall")
-    samples = insert_turning_points(_same_times(rising), *motion)
+    samples = _same_times(rising), *motion
+    for _ in range(MOST_TURNS):
+        count = len(samples[0])
+        samples = insert_turning_points(*samples)
+        if len(samples[0]) == count:
+            break
     tau = problem.loaded_arm.inverse_dynamics(*samples[1:])
     measured = measure(problem, *samples, tau)
     return Trajectory(problem, *samples, tau, measured, cost, rendezvous_time, planner, rides_until)

@@ -336,7 +336,7 @@ def test_plans_repeat_bit_for_bit() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"target": FixedHand([0.0, 1.0])}, "MovingHand target of constant velocity"),
+        ({"target": FixedHand([0.0, 1.0])}, "MovingHand target of constant velocity|kind moving hand, not hand"),
         ({"target": MovingHand([-0.9, 1.732], [0.2, 0.0], [0.1, 0.0])}, "constant velocity"),
         ({"target": MovingHand([-0.9, 1.732], [0.0, 0.0])}, "constant velocity"),
         ({"target": MovingHand([-0.9, 1.7], [0.2, 0.0])}, "hand is 0.032 m beside the target's line"),

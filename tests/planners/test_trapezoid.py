@@ -100,5 +100,5 @@ def test_what_it_cannot_do_is_refused() -> None:
         trapezoid.plan(belt)
     bare = Arm("bare", [0.4, 0.3], 1.0, JointLimits(velocity=2.0))
     without = MotionProblem(bare, np.array([0.0, 0.5]), FixedJoints(np.array([0.0, 1.0])), 3.0)
-    with pytest.raises(ValueError, match="needs acceleration limits, but joint 2 of bare has none; give JointLimits"):
+    with pytest.raises(ValueError, match="needs a finite acceleration limit of every joint; give limits"):
         trapezoid.plan(without)
