@@ -29,7 +29,7 @@ COMMANDS = {
     "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
     "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),
     "list": Command("agents.commands.listing", "ListOptions", "environments, experts, planners, recipes, agents, arms"),
-    "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, or continue a run"),
+    "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, SAC or TD3, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),
     "paper-lagrange": Command("agents.papers.lagrange", "ReportOptions", "the minimal-torque paper's results"),

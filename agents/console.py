@@ -71,7 +71,10 @@ def note_compiling() -> Iterator[None]:
 
 @contextmanager
 def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
-    """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt."""
+    """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt.
+
+    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C.
+    """
     caught: list[bool] = []
 
     def handle(signal_number: int, frame: object) -> None:
@@ -79,8 +82,9 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
         if at_once or len(caught) > 1:
             raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, handle)
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -14,6 +14,7 @@ import gymnasium as gym
 
 from envs.card import load
 from envs.settings import refuse_unknown
+from planners import arm_document, arm_names, load_arm
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 SEED_MOST = 2**62
@@ -97,6 +98,14 @@ def check_names(env_id: str, settings: Mapping[str, Any], options: Mapping[str, 
                     f'in Python as {argument}={{"{name}": ...}}'
                 )
         refuse_unknown(given, known, f"{env_id} {what}")
+
+
+def portable(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of an environment; an arm that is an object or a file becomes a document, as JSON can hold it."""
+    arm = settings.get("arm")
+    if arm is None or (isinstance(arm, str) and arm in arm_names()):
+        return dict(settings)
+    return {**settings, "arm": arm_document(load_arm(arm))}
 
 
 def task_type(env_id: str) -> Any:

@@ -5,8 +5,6 @@ The baseline of planners that minimise torque.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numba import njit
 
@@ -18,21 +16,21 @@ from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 SAMPLES = 200
-"""Intervals of a motion over which its torque is integrated and its limits checked."""
+"""Intervals of a motion over which its torque is integrated and its peaks are found."""
 
 
 @variant("quintic", "", {"joints": Takes(arrives="on time")})
 def plan(problem: MotionProblem) -> Trajectory:
     """Move every joint by its quintic, from rest to rest, over the whole horizon.
 
-    The cost is PI1, the integral of the summed absolute torques, N m s. Limits are not enforced; see ``limit_ratios``.
+    The cost is PI1, the integral of the summed absolute torques, N m s.
 
     Raises:
-        Infeasible: with reason ``start`` if the start moves.
+        Infeasible: with reason ``start`` if the start moves, ``limits`` if the motion breaks a limit, ``collision``
+            if it touches an obstacle.
         ValueError: if the target is not given in joint angles.
     """
-    if not isinstance(problem.target, FixedJoints):
-        raise ValueError(f"a quintic needs a target in joint angles, not {type(problem.target).__name__}")
+    assert isinstance(problem.target, FixedJoints)  # as declared
     q0, qd0, _ = problem.start
     if np.abs(qd0).max() > 1e-3:
         raise Infeasible("start", f"a quintic from rest to rest cannot start at {qd0} rad/s", qd=qd0)
@@ -40,8 +38,9 @@ def plan(problem: MotionProblem) -> Trajectory:
     s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
     q, qd, qdd = quintic_motion(q0, change, problem.horizon, s)
     t = problem.horizon * s[:, 0]
-    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=problem.horizon, planner="quintic")
-    return replace(trajectory, cost=float(np.trapezoid(np.abs(trajectory.tau).sum(axis=1), trajectory.t)))
+    effort = np.abs(problem.loaded_arm.inverse_dynamics(q, qd, qdd)).sum(axis=1)
+    cost, end = float(np.trapezoid(effort, t)), problem.horizon
+    return sampled_trajectory(problem, t, q, qd, qdd, cost=cost, rendezvous_time=end, planner="quintic")
 
 
 @njit(cache=True, nogil=True)

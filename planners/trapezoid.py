@@ -1,64 +1,87 @@
 """The straight move: all joints along a line in joint space with a trapezoid of speed, as fast as limits allow.
 
-Only velocity and acceleration limits are kept; obstacles are ignored. The baseline of planners that avoid obstacles.
+Obstacles play no part in it. The baseline of planners that avoid obstacles.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
-from planners.capabilities import Takes, variant
+from planners.capabilities import SMOOTHLESS, Takes, variant
+from planners.checks import require_choice
 from planners.goals import goal_postures
 from planners.motion.time_laws import trapezoid, trapezoid_share
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
 from planners.trajectory import Trajectory, sampled_trajectory
+from planners.typing import Array
 
 SAMPLES = 200
 """Intervals of time into which a motion is divided."""
+
+ATTEMPTS, BACK_OFF = 8, 0.98
+"""Attempts with lower accelerations where the torque limits are exceeded, and an extra factor of each."""
+
+NEEDS = ("velocity", "acceleration")
+
+Contact = Literal["refuse", "delay"]
 
 
 @variant(
     "trapezoid",
     "",
     {
-        "joints": Takes(keeps=("velocity", "acceleration"), needs=("velocity", "acceleration")),
-        "hand": Takes(links=(2, 3), keeps=("velocity", "acceleration"), needs=("velocity", "acceleration")),
+        "joints": Takes(keeps=SMOOTHLESS, needs=NEEDS),
+        "hand": Takes(keeps=SMOOTHLESS, needs=NEEDS),
     },
 )
-def plan(problem: MotionProblem) -> Trajectory:
-    """The fastest straight move within the velocity and acceleration limits, from rest to the nearest goal posture.
+def plan(problem: MotionProblem, *, contact: Contact = "refuse") -> Trajectory:
+    """The fastest straight move with limited velocity and acceleration, from rest to rest at the nearest goal posture.
 
-    Its cost is its duration, s.
+    Where it takes too much torque, all accelerations are reduced. Its cost is its duration, s.
+
+    Args:
+        problem: at rest, with a fixed target.
+        contact: ``"refuse"`` a move that touches an obstacle, or, with ``"delay"``, return it.
 
     Raises:
         Infeasible: with reason ``start`` if the start moves, ``unreachable`` if the target is out of reach, ``late`` if
-            the horizon is too short.
-        ValueError: if the target moves, or a joint that moves has no acceleration limit.
+            the horizon is too short, ``limits`` if the torques do not suffice, ``collision`` if it touches an obstacle.
+        ValueError: if the target moves, or a limit is missing.
     """
-    if not isinstance(problem.target, FixedHand | FixedJoints):
-        raise ValueError(f"a straight move needs a fixed target, not {type(problem.target).__name__}")
+    require_choice("contact", contact, get_args(Contact))
+    assert isinstance(problem.target, FixedHand | FixedJoints)  # as declared
     q0, qd0, _ = problem.start
     if np.abs(qd0).max() > 1e-3:
         raise Infeasible("start", f"a straight move from rest cannot start at {qd0} rad/s", qd=qd0)
     change = goal_postures(problem, problem.target, "best")[0] - q0
-    limits = problem.joint_limits
-    free = np.flatnonzero((change != 0.0) & np.isinf(limits.array("acceleration")))
-    if len(free):
-        raise ValueError(
-            f"a straight move needs acceleration limits, but joint {free[0] + 1} of {problem.arm.name} has none; give "
-            "JointLimits(acceleration=...) to the arm or the problem"
-        )
-    top, ramp = trapezoid(change, np.array(limits.velocity), np.array(limits.acceleration))
+    limits, share = problem.joint_limits, 1.0
+    for _ in range(ATTEMPTS):
+        top, ramp = trapezoid(change, limits.array("velocity"), share * limits.array("acceleration"))
+        motion = _sampled(problem, change, top, ramp)
+        excess = motion.limit_ratios["torque"]
+        if excess <= 1.0:
+            break
+        share *= BACK_OFF / excess
+    if motion.duration > problem.horizon:
+        message = f"the straight move takes {motion.duration:.4g} s; allow that much"
+        raise Infeasible("late", message, minimum_time=motion.duration)
+    return motion
+
+
+def _sampled(problem: MotionProblem, change: Array, top: float, ramp: float) -> Trajectory:
+    """The move by ``change``, ``(n,)``, rad, with the top speed (1/s) and the duration of the ramp (s) of its share."""
     duration = 1.0 / top + ramp
-    if duration > problem.horizon:
-        raise Infeasible("late", f"the straight move takes {duration:.4g} s; allow that much", minimum_time=duration)
-    # uniform samples, and those where the acceleration jumps
-    t = np.unique(np.concatenate([np.linspace(0.0, duration, SAMPLES + 1), [ramp, duration - ramp]]))
-    share = np.array([trapezoid_share(top, ramp, time) for time in t])
-    speed = np.minimum(1.0, np.minimum(t, duration - t) / ramp) * top
-    rise = np.where(t < ramp, 1.0, np.where(t > duration - ramp, -1.0, 0.0)) * top / ramp
-    q, qd, qdd = q0 + share[:, None] * change, speed[:, None] * change, rise[:, None] * change
-    any_jerk = replace(problem, limits=replace(limits, jerk=()))
-    return sampled_trajectory(any_jerk, t, q, qd, qdd, planner="straight", cost=duration, rendezvous_time=duration)
+    edges = [0.0, ramp, duration - ramp, duration]
+    t, share, speed, rise = [], [], [], []
+    for begin, end, acceleration in zip(edges, edges[1:], (top / ramp, 0.0, -top / ramp), strict=False):
+        if end > begin:  # two samples where the acceleration jumps
+            times = np.linspace(begin, end, 2 + int(SAMPLES * (end - begin) / duration))
+            t.append(times)
+            share.append(np.array([trapezoid_share(top, ramp, time) for time in times]))
+            speed.append(np.minimum(1.0, np.minimum(times, duration - times) / ramp) * top)
+            rise.append(np.full(len(times), acceleration))
+    q, qd, qdd = (np.concatenate(values)[:, None] * change for values in (share, speed, rise))
+    motion = np.concatenate(t), problem.q + q, qd, qdd
+    return sampled_trajectory(problem, *motion, planner="trapezoid", cost=duration, rendezvous_time=duration)

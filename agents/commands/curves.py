@@ -60,7 +60,7 @@ def run(options: CurvesOptions) -> int:
         raise ValueError(f"no run to show: {'; '.join(skipped)}")
     environments: dict[str, list[Curve]] = {}
     for curve in curves:
-        environments.setdefault(curve.config.env, []).append(curve)
+        environments.setdefault(curve.config.env_id, []).append(curve)
     shown = []
     for env_id, own in environments.items():
         check_alike(own)
@@ -101,7 +101,7 @@ def chosen_metrics(curves: Sequence[Curve], names: Sequence[str]) -> list[Metric
     Raises:
         ValueError: for a name that is no column of metrics.csv.
     """
-    card, columns = card_of(curves[0].config.env), curves[0].columns
+    card, columns = card_of(curves[0].config.env_id), curves[0].columns
     known = {metric.key: metric for metric in (*COMMON, *card.metrics)}
     wanted = names or [metric.key for metric in (*COMMON, *([card.primary] if card.primary else []))]
     described = ("steps", "seconds")

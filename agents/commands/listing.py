@@ -75,6 +75,7 @@ def _environment(env_id: str) -> Document:
         "summary": _summary(env_id, task),
         "experts": expert_names(env_id),
         "control_modes": list(card.control_modes),
+        "links": list(card.links),
         "recipe": card.recipe,
         "settings": _fields(task.config_type),
         "options": _fields(task.options_type),
@@ -113,10 +114,18 @@ def _arm(name: str) -> Document:
 
 def _show_names(document: Document) -> None:
     rows = [
-        (env_id, ", ".join(entry["experts"]), ", ".join(entry["control_modes"]), entry["recipe"] or "")
+        (
+            env_id,
+            ", ".join(entry["experts"]),
+            ", ".join(entry["control_modes"]),
+            ", ".join(map(str, entry["links"])) or "its own",
+            entry["recipe"] or "",
+        )
         for env_id, entry in document["environments"].items()
     ]
-    Table("Environments", ("id", "experts", "their control modes", "recipe"), rows, text_columns=4).show()
+    Table(
+        "Environments", ("id", "experts", "their control modes", "links of an arm", "recipe"), rows, text_columns=5
+    ).show()
     say(f"Recipes (planarm train): {', '.join(document['recipes'])}\n")
     say(f"Agents that come with planarm (policy agent): {', '.join(document['agents'])}\n")
     arms = [(name, str(arm["links"]), f"{arm['reach_m']:.3f}") for name, arm in document["arms"].items()]

@@ -12,6 +12,7 @@ import tyro
 import envs
 from agents.commands.pictures import check_picture, write_picture
 from agents.commands.reset_options import given_options
+from agents.console import note
 from agents.environments import check_names, check_seed, import_env
 from agents.figures.episode_record import EpisodeRecord, picture_of, record_episode
 from agents.figures.paths import draw_paths
@@ -69,6 +70,9 @@ def run(options: PathsOptions) -> int:
     check_names(env_id, settings, reset_options)
     check_picture(options.plot, options.dpi)
     policies = name_policies(names, env_id, allow_code=options.allow_code)
+    for named in policies:
+        if assumption := named.assumption(env_id, settings):
+            note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
     records = [record_episode(env_id, named, options.seed, reset_options, settings) for named in policies]
     start = f"{env_id}, " + (
         "the paper's start" if reset_options.get("scenario") == "paper" else f"seed {options.seed}"

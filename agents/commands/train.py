@@ -1,4 +1,4 @@
-"""`planarm train`: train an agent with PPO, or continue a run."""
+"""`planarm train`: train an agent with PPO, SAC or TD3, or continue a run."""
 
 from __future__ import annotations
 
@@ -22,14 +22,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """Train an agent with PPO; needs pip install "planarm[rl]".
+    """Train an agent with PPO, SAC or TD3 of Stable-Baselines3; needs pip install "planarm[rl]".
 
-    Ctrl-C stops the run. --resume continues it from its last checkpoint, also after a crash.
+    A configuration of your own is a YAML file with at least `env`, an id or `my_module:MyTask-v0` for a task that your
+    module registers; docs/configs.md lists all settings. Settings of the environment are below env_config, and arm=
+    is short for env_config.arm=. Ctrl-C stops the run. --resume continues it from its last checkpoint, also after a
+    crash, and imports your module again if the task is of one.
 
     For example:
 
         $ planarm train ppo/ConveyorTrack-v0 --seed 1
+        $ planarm train sac/ConveyorTrack-v0 device=cpu threads=2
         $ planarm train mine.yaml gamma=0.99 warm_start.episodes=512 --out runs/mine
+        $ planarm train ppo/ConveyorTrack-v0 arm=my_arm.yaml env_config.horizon=4.0
         $ planarm train --resume runs/mine
     """
 
@@ -51,7 +56,8 @@ class TrainOptions:
         if self.config is None:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a run to --resume")
         named = [f"{name}={value}" for name in ("seed", "total_steps") if (value := getattr(self, name)) is not None]
-        return load_config(self.config, TrainingConfig).overridden([*self.changes, *named])
+        changes = [f"env_config.{change}" if change.startswith("arm=") else change for change in self.changes]
+        return load_config(self.config, TrainingConfig).overridden([*changes, *named])
 
     def make_run(self) -> TrainingRun:
         """The run to continue, or a new one."""
@@ -60,7 +66,7 @@ class TrainOptions:
                 raise ValueError("--resume takes no other options: a run keeps the settings that it began with")
             return _runs().resume(self.resume)
         config = self.resolve()
-        name = f"{config.env}-{datetime.now():%Y%m%d-%H%M%S}-seed{config.seed}"
+        name = f"{config.env_id}-{datetime.now():%Y%m%d-%H%M%S}-seed{config.seed}"
         return _runs().begin(self.out or Path("runs") / name, config, shlex.join(["planarm", *sys.argv[1:]]))
 
 
@@ -83,7 +89,7 @@ def _runs() -> type[TrainingRun]:
 
 
 def _train_with_bar(training: TrainingRun) -> bool:
-    """Train until all is done, or Ctrl-C stops it after the current step; whether all is done."""
+    """Train until all is done, or Ctrl-C stops it; whether all is done."""
     from agents.training.run import Watcher
 
     bar = progress_bar("steps, {task.fields[rate]}/s", transient=False, more="{task.fields[scores]}")
@@ -98,14 +104,17 @@ def _train_with_bar(training: TrainingRun) -> bool:
         if bar.disable:
             note(f"{row['steps']:,} steps, {row['seconds']:.0f} s: {_scores(row)}")
 
-    with catch_interrupt(at_once=False) as interrupts, bar:
+    with catch_interrupt(at_once=True) as interrupts, bar:
         watcher = Watcher(
             begin=lambda line: bar.update(task, description=line),
             step=step,
             evaluated=evaluated,
-            stop=lambda: bool(interrupts),
+            stop=lambda: bool(interrupts),  # where Python could not raise the KeyboardInterrupt, as in a destructor
         )
-        return training.train(watcher)
+        try:
+            return training.train(watcher)
+        except KeyboardInterrupt:
+            return False
 
 
 def _scores(row: Row) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import Field, field_validator
 
 import envs
-from agents.environments import SEED_MOST, import_env
+from agents.environments import SEED_MOST, import_env, portable
 from agents.yaml_config import load_config
 from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.settings import Settings, refuse_unknown
@@ -58,6 +58,12 @@ class BenchmarkTask(Settings):
     def _imported(cls, env: str) -> str:
         """The id; a module in front of it is imported."""
         return import_env(env)
+
+    @field_validator("env_config")
+    @classmethod
+    def _portable(cls, env_config: dict[str, Any]) -> dict[str, Any]:
+        """The settings as they go into JSON."""
+        return portable(env_config)
 
     @property
     def title(self) -> str:

@@ -44,7 +44,7 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
         _finish(axes, metric, against)
         if any(np.isinf(curve.columns[metric.key]).any() for curve in everything):
             axes.set_title(f"{metric.title}; gaps: never", fontsize=10)
-    text = f"{everything[0].config.env}. Thin: each seed; thick: their median; shaded: from minimum to maximum."
+    text = f"{everything[0].config.env_id}. Thin: each seed; thick: their median; shaded: from minimum to maximum."
     sheet.suptitle(text, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()
     sheet.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)

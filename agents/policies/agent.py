@@ -137,11 +137,15 @@ class Agent:
             given, own = (getattr(config, name) for config in (task.config, self._task.config))
             if given != own:
                 raise ValueError(f"this agent was trained with {name} {own!r}; the environment has {given!r}")
-        if replace(task.arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
+        self.check_arm(task.arm)
+
+    def check_arm(self, arm: Arm) -> None:
+        """Raise a ValueError for another arm than the one that it was trained for; gravity may differ."""
+        if replace(arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
             raise ValueError(
                 f"this agent was trained for another arm: {_in_words(self._task.arm)}; the environment has "
-                f"{_in_words(task.arm)}. Train one for this arm, with arm=... among the settings of planarm train, or "
-                "give the environment the agent's arm"
+                f"{_in_words(arm)}. Train one for this arm (planarm train {self.env_id} env_config.arm=...), or give "
+                "the environment the agent's arm"
             )
 
     @cached_property

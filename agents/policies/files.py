@@ -16,6 +16,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 import envs
+from agents.environments import portable
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
@@ -66,7 +67,8 @@ def save_agent(agent: Agent, path: Path) -> None:
     """Write an agent's weights to ``path`` (.safetensors) and its JSON beside it, each atomically."""
     content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
     write_bytes(path, content)
-    write_json(path.with_suffix(".json"), {**agent.document, "sha256": hashlib.sha256(content).hexdigest()})
+    own = {**agent.document, "env_config": portable(agent.env_config)}
+    write_json(path.with_suffix(".json"), {**own, "sha256": hashlib.sha256(content).hexdigest()})
 
 
 def describe_layout(layout: Layout) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from agents.policies.policy import Policy, PolicyMaker
 from agents.policies.sb3 import load_model
 from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
 from envs.settings import refuse_unknown
+from planners import load_arm
 
 SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
 AnyPolicy = Policy | PolicyMaker | str
@@ -56,6 +57,8 @@ class NamedPolicy:
                     f"{self.name} was trained with {name} {value!r} and cannot act with {env_config[name]!r}; "
                     f"leave {name} out, so that each policy has its own"
                 )
+        if isinstance(self.policy, Agent) and env_config.get("arm") is not None:
+            self.policy.check_arm(load_arm(env_config["arm"]))
         return {**env_config, **self.action_config}
 
     def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:

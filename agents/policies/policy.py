@@ -186,9 +186,11 @@ def _check_spaces(policy: Policy, env: VectorEnv | gym.Env[Any, Any]) -> None:
     for name, space in _spaces(env).items():
         own = getattr(policy, name, None)
         if isinstance(own, gym.Space) and own != space:
+            kind = name.replace("_", " ")
+            differing = f"of shape {own.shape}" if own.shape != space.shape else "with other bounds"
             raise ValueError(
-                f"{type(policy).__name__} was trained with the {name.replace('_', ' ')} {own}; that of {_id(env)} is "
-                f"{space}: another environment, arm or version of planarm"
+                f"{type(policy).__name__} was trained with an {kind} {differing} than that of {_id(env)}, "
+                f"{space.shape}: in another environment, behind a wrapper, or with another version of planarm"
             )
 
 

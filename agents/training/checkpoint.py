@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +23,7 @@ from agents.training.devices import described
 from agents.training.learning_curves import Row, merit
 from agents.training.recipe import OffPolicyConfig, TrainingConfig
 from agents.training.replay import load_replay, save_replay
+from agents.training.warm_start.stage import damaged
 from planners.files import whole_file, write_json, write_text
 
 RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
@@ -48,6 +52,32 @@ def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
     write_text(folder / "config.yaml", yaml.safe_dump(settings, sort_keys=False))
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other processes from training in a folder meanwhile, and remove what killed ones have left half-written.
+
+    Raises:
+        ValueError: if one is training there. The lock ends with its process, however that ends.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("a+b") as file:
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise ValueError(f"another process is training in {folder}: wait for it, or stop it first") from None
+        for draft in folder.glob(".*.*.*"):
+            if draft.suffix in (".pt", ".npz", ".csv", ".json", ".yaml", ".safetensors"):
+                draft.unlink()
+        yield
+
+
 def check_origin(folder: Path, config: TrainingConfig) -> None:
     """Raise a ValueError if a run's settings are not those that it began with; device and threads may change."""
     try:
@@ -68,9 +98,9 @@ def make_agent(model: Segmented, seconds: float, scores: dict[str, float] | None
     config = model.config
     document = {
         "format": SQUASHED_FORMAT if model.squashed else FORMAT,
-        "env": config.env,
+        "env": config.env_id,
         "env_config": config.env_config,
-        **describe_layout(layout_of(config.env, config.env_config)),
+        **describe_layout(layout_of(config.env_id, config.env_config)),
         "activation": config.activation,
         "hidden": list(config.hidden),
         "training": {
@@ -137,10 +167,7 @@ def load_checkpoint(folder: Path, model: Segmented) -> RunState:
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror}") from None
     except Exception as error:  # a damaged file can fail in any way
-        raise ValueError(
-            f"{path} is damaged, or no checkpoint of this run ({type(error).__name__}); restore it, or delete it to "
-            "begin again"
-        ) from None
+        raise damaged(path, error) from None
     if isinstance(model.config, OffPolicyConfig):
         load_replay(folder / Path(str(content["replay"])).name, model.replay_buffer)
     return state

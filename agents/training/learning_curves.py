@@ -74,9 +74,9 @@ def check_alike(curves: Sequence[Curve]) -> None:
     """Raise a ValueError unless the runs are of one environment and all different."""
     first, seen = curves[0], dict[str, Path]()
     for curve in curves:
-        if curve.config.env != first.config.env:
+        if curve.config.env_id != first.config.env_id:
             raise ValueError(
-                f"{first.folder} is a run of {first.config.env}, {curve.folder} one of {curve.config.env}; "
+                f"{first.folder} is a run of {first.config.env_id}, {curve.folder} one of {curve.config.env_id}; "
                 "give runs of one environment"
             )
         other = seen.setdefault(curve.config.model_dump_json(), curve.folder)

@@ -120,6 +120,11 @@ class TrainingConfig(Settings):
         return cast(Self, RECIPES[str(name)].parse(given, what))
 
     @property
+    def env_id(self) -> str:
+        """The id of the environment, without the module that registers it."""
+        return self.env.rpartition(":")[2]
+
+    @property
     def teacher(self) -> WarmStart | Demonstrations | None:
         """What the run takes from an expert before it trains, if anything."""
         return None

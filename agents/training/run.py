@@ -7,9 +7,10 @@ that was not.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -18,30 +19,34 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
+from agents.environments import import_env
 from agents.policies.files import layout_of, save_agent
 from agents.training import devices
 from agents.training.algorithms import make_model
 from agents.training.algorithms.segmented import Segmented, fine_elements
-from agents.training.amortise import amortise
 from agents.training.checkpoint import (
     RunState,
+    alone_in,
     check_origin,
     load_checkpoint,
     make_agent,
     save_checkpoint,
     write_origin,
 )
-from agents.training.dagger import dagger
 from agents.training.learning_curves import Row
 from agents.training.recipe import OffPolicyConfig, PPOConfig, TrainingConfig
 from agents.training.replay import demonstrate
-from agents.training.scores import baseline_columns, score, score_baselines
+from agents.training.scores import baseline_columns, best_baseline, score, score_baselines
 from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
+from agents.training.warm_start.amortise import amortise
+from agents.training.warm_start.dagger import dagger
+from agents.training.warm_start.stage import Stage
 from agents.training.whole_episodes import WholeEpisodes
 from agents.yaml_config import load_config
 from envs.experts import expert_names
 from envs.settings import refuse_unknown
+from planners import arm_document, load_arm
 
 
 @dataclass
@@ -69,17 +74,21 @@ class TrainingRun:
 
     @classmethod
     def begin(cls, folder: Path, config: TrainingConfig, command: str) -> TrainingRun:
-        """A new run in a new folder, with the device and the threads that ``auto`` means here.
+        """A new run in a new folder.
+
+        Its settings name the device and the threads that ``auto`` means here, and hold the arm itself, if another than
+        the task's own is given.
 
         Raises:
             ValueError: if the folder is not empty, or the configuration names something that does not exist.
         """
-        config = devices.resolved(config)
+        import_env(config.env)
+        config = with_arm_document(devices.resolved(config))
         devices.use(config)
-        fine_elements(config, layout_of(config.env, config.env_config))
-        refuse_unknown(config.baselines or (), expert_names(config.env), "expert")
+        fine_elements(config, layout_of(config.env_id, config.env_config))
+        refuse_unknown(config.baselines or (), expert_names(config.env_id), "expert")
         if teacher := config.teacher:
-            with closing(gym.make(config.env, **config.env_config)) as env:
+            with closing(gym.make(config.env_id, **config.env_config)) as env:
                 envs.make_expert(teacher.expert, env)
         write_origin(folder, config, command)
         return cls(folder, config)
@@ -102,20 +111,22 @@ class TrainingRun:
         return self.steps >= self.config.total_steps
 
     def train(self, watcher: Watcher | None = None) -> bool:
-        """Train until all steps are done or the watcher stops it; whether they are done."""
+        """Train until all steps are done or the watcher stops it; whether they are done.
+
+        Raises:
+            ValueError: if another process trains in the folder, a file in it is damaged, or the weights diverge.
+        """
         watcher, config = watcher or Watcher(), devices.resolved(self.config)
+        import_env(config.env)
         devices.use(config)
-        layout = layout_of(config.env, config.env_config)
-        with closing(self._environments()) as env:
+        layout = layout_of(config.env_id, config.env_config)
+        with alone_in(self.folder), closing(self._environments()) as env:
             model = make_model(config, env, layout, config.device)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self.state = load_checkpoint(self.folder, model)
-            if self.state.rows:
-                baseline = baseline_columns(self.state.rows[0])
-            else:
-                baseline = score_baselines(config, watcher.begin)
-                if not self._warm_start(model, env, baseline, watcher):
-                    return False
+            if not self.state.rows and not self._warm_start(model, env, watcher):
+                return False
+            baseline = baseline_columns(self.state.rows[0])
             while not self.finished:
                 if not self._segment(model, env, baseline, watcher):
                     return False
@@ -123,23 +134,32 @@ class TrainingRun:
 
     def _environments(self) -> NativeVecEnv:
         config = self.config
-        batch = gym.make_vec(config.env, num_envs=config.num_envs, **config.env_config)
+        batch = gym.make_vec(config.env_id, num_envs=config.num_envs, **config.env_config)
         return NativeVecEnv(WholeEpisodes(batch) if isinstance(config, PPOConfig) and config.whole_episodes else batch)
 
-    def _warm_start(self, model: Segmented, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
-        """Run DAgger or amortise if configured, and write the first checkpoint; as `_segment`."""
-        before, first = perf_counter(), env_seed(self.config.seed, 0)
-        seed_everything(self.config.seed, 0)
-        if isinstance(self.config, PPOConfig):
-            for warm_start in (dagger, amortise):
-                if not warm_start(model.policy, self.config, first, watcher.report):
-                    return False
-        elif isinstance(self.config, OffPolicyConfig) and self.config.demonstrations:
+    def _warm_start(self, model: Segmented, env: NativeVecEnv, watcher: Watcher) -> bool:
+        """Score the baselines, learn from an expert or a cost as configured, write the first checkpoint; as `_segment`.
+
+        A run that is stopped here goes on from the last round of it.
+        """
+        config, first = self.config, env_seed(self.config.seed, 0)
+        stage = Stage(self.folder / "warm_start.pt", watcher.report)
+        scores = score_baselines(config, stage.load("baselines") or {}, watcher.begin, partial(stage.save, "baselines"))
+        seed_everything(config.seed, 0)
+        if isinstance(config, PPOConfig):
+            model.policy.to("cpu")
+            with self._refusing_divergence(model):
+                for warm_start in (dagger, amortise):
+                    if not warm_start(model.policy, config, first, stage):
+                        return False
+            model.policy.to(model.device)
+        elif isinstance(config, OffPolicyConfig) and config.demonstrations:
             env.seed(first)
-            if not demonstrate(self.config.demonstrations, env, model.replay_buffer, watcher.report):
+            if not demonstrate(config.demonstrations, env, model.replay_buffer, watcher.report):
                 return False
-        self.state.seconds += perf_counter() - before
-        self._checkpoint(model, baseline, watcher)
+        self.state.seconds = stage.elapsed()
+        self._checkpoint(model, best_baseline(scores), watcher)
+        stage.finish()
         return True
 
     def _segment(self, model: Segmented, env: NativeVecEnv, baseline: Row, watcher: Watcher) -> bool:
@@ -153,14 +173,11 @@ class TrainingRun:
         goal = min(number * self.config.segment_steps, self.config.total_steps)
         callback = _WatcherCallback(watcher)
         try:
-            model.learn(goal - self.steps, callback=callback, log_interval=1, reset_num_timesteps=False)
+            with self._refusing_divergence(model):
+                model.learn(goal - self.steps, callback=callback, log_interval=1, reset_num_timesteps=False)
         except KeyboardInterrupt:
             self._leave(model)
             raise
-        except ValueError:  # torch and the environment refuse NaN, each with its own message
-            self._refuse_divergence(model)
-            raise
-        self._refuse_divergence(model)
         if callback.stopped:
             self._leave(model)
             return False
@@ -173,19 +190,29 @@ class TrainingRun:
         """Write the agent as it is between two checkpoints."""
         save_agent(make_agent(model, self.state.seconds), self.folder / "last.safetensors")
 
-    def _refuse_divergence(self, model: Segmented) -> None:
-        """Raise a ValueError if the networks hold NaN or infinite weights."""
-        if not model.finite():
+    @contextmanager
+    def _refusing_divergence(self, model: Segmented) -> Iterator[None]:
+        """Raise a ValueError that says so if the networks' weights or outputs become NaN or infinite."""
+        error: ValueError | None = None
+        try:
+            yield
+        except ValueError as raised:
+            error = raised
+        # Distributions of torch refuse parameters that are not finite or not positive, each with all of its values.
+        if not model.finite() or str(error).startswith("Expected parameter"):
             raise ValueError(
-                f"training diverged between {self.steps:,} and {model.num_timesteps:,} steps: the weights are not "
+                f"training diverged between {self.steps:,} and {model.num_timesteps:,} steps: the networks are not "
                 "finite any more; begin again with a lower learning_rate, or smaller gains in fine"
-            )
+            ) from None
+        if error is not None:
+            raise error
 
     def _checkpoint(self, model: Segmented, baseline: Row, watcher: Watcher) -> None:
         """Evaluate the agent and write everything."""
         watcher.begin("evaluating")
         state = self.state
-        scores = score(make_agent(model, state.seconds), self.config)
+        with self._refusing_divergence(model):
+            scores = score(make_agent(model, state.seconds), self.config)
         state.rows.append({"steps": state.steps, "seconds": round(state.seconds, 3), **scores, **baseline})
         for name, value in scores.items():
             model.logger.record(f"evaluation/{name}", value)
@@ -206,3 +233,12 @@ class _WatcherCallback(BaseCallback):  # type: ignore[misc]
         self.watcher.step(self.num_timesteps)
         self.stopped = self.watcher.stop()
         return not self.stopped
+
+
+def with_arm_document(config: TrainingConfig) -> TrainingConfig:
+    """A recipe whose environment's settings hold the arm that they name, so that no file is needed to go on."""
+    arm = config.env_config.get("arm")
+    if arm is None:
+        return config
+    document = arm_document(load_arm(arm))
+    return config.model_copy(update={"env_config": {**config.env_config, "arm": document}})

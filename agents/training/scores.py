@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -20,18 +21,27 @@ def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
     settings = dict(config.env_config)
     if isinstance(policy, str):
         settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
-    return values_of(training_scores(evaluate(policy, config.env, seeds, env_config=settings)))
+    return values_of(training_scores(evaluate(policy, config.env_id, seeds, env_config=settings)))
 
 
-def score_baselines(config: TrainingConfig, begin: Callable[[str], object]) -> Row:
-    """The columns of the best baseline: its name and its scores; none without baselines.
+def score_baselines(
+    config: TrainingConfig, scores: dict[str, Row], begin: Callable[[str], object], save: Callable[[Any], object]
+) -> dict[str, Row]:
+    """The scores of each baseline, by name.
 
-    ``begin`` is called with a line about each one.
+    ``scores`` are those that are known. ``begin`` is called with a line about each other one, and ``save`` with all
+    scores so far.
     """
-    scores = {}
-    for name in expert_names(config.env) if config.baselines is None else config.baselines:
-        begin(f"evaluating {name}")
-        scores[name] = score(name, config)
+    for name in expert_names(config.env_id) if config.baselines is None else config.baselines:
+        if name not in scores:
+            begin(f"evaluating {name}")
+            scores = {**scores, name: score(name, config)}
+            save(scores)
+    return scores
+
+
+def best_baseline(scores: dict[str, Row]) -> Row:
+    """The columns of the best baseline: its name and its scores; none without baselines."""
     if not scores:
         return {}
     best = max(scores, key=lambda name: merit(scores[name]))

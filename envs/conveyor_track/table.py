@@ -131,7 +131,7 @@ def _fitting_axes(demands: Demands) -> dict[str, Array]:
         generator = np.random.default_rng(0)
         solved = 0
         for probe in range(PROBES):
-            values = [generator.uniform(nodes[0], nodes[-1]) for nodes in axes.values()]
+            values = [generator.uniform(*sorted((nodes[0], nodes[-1]))) for nodes in axes.values()]
             met, ridden = _solved(Start._make([*values, ELBOWS[probe % 2]]), demands)
             solved += met <= latest and ridden >= demands.horizon
         if solved >= PROBED * PROBES:

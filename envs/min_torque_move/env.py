@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
@@ -225,14 +226,16 @@ class MinTorqueMove(Task):
             if not self.arm.limits.within(angles):
                 raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, {self.arm.limits.angle_text}")
         problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)
-        if quintic.plan(problem).limit_ratio > 1.0:
-            try:
-                lagrange.plan(problem)
-            except Infeasible as error:
-                raise ValueError(
-                    f"no motion within the limits goes from {move.start.tolist()} to {move.goal.tolist()} rad in "
-                    f"{move.duration:g} s: {error}"
-                ) from None
+        with suppress(Infeasible):
+            quintic.plan(problem)
+            return
+        try:
+            lagrange.plan(problem)
+        except Infeasible as error:
+            raise ValueError(
+                f"no motion within the limits goes from {move.start.tolist()} to {move.goal.tolist()} rad in "
+                f"{move.duration:g} s: {error}"
+            ) from None
 
 
 class MinTorqueMoveEnv(PlanarArmEnv):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
 from envs.obstacle_dodge.bound import time_to_goal
@@ -28,7 +30,7 @@ CARD = TaskCard(
         "dpct": lambda task: PlanningExpert(task, time_along_line, REPLAN_EVERY),
         "lagrange": lambda task: PlanningExpert(task, pass_via_nodes, REPLAN_EVERY),
         "apf": DodgingExpert,
-        "follower": lambda task: PlanningExpert(task, trapezoid.plan),
+        "follower": lambda task: PlanningExpert(task, partial(trapezoid.plan, contact="delay")),
     },
     control_modes=("torque", "acceleration", "velocity"),
     replan_every=REPLAN_EVERY,

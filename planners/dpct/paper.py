@@ -140,18 +140,20 @@ class PhasePath:
         return late if late > _CLOCK_TOLERANCE else 0.0
 
     def sample(self) -> tuple[Array, Array, Array, Array]:
-        """Time (from 0), r, dr/dt and d2r/dt2 of the real motion, each ``(samples,)``: the rest, then the steps."""
+        """Time (from 0), r, dr/dt and d2r/dt2 of the real motion, each ``(samples,)``: the rest, then the steps.
+
+        Two samples where a step ends, before and after the jump of d2r/dt2.
+        """
         times = self.real_clock + self.lag
         durations = np.diff(times)
         acceleration = np.diff(self.rate) / durations
-        since = np.arange(_SAMPLES_PER_STEP) / _SAMPLES_PER_STEP * durations[:, None]
+        since = np.arange(_SAMPLES_PER_STEP + 1) / _SAMPLES_PER_STEP * durations[:, None]
         rate = self.rate[:-1, None] + since * acceleration[:, None]
         r = self.r[:-1, None] + since * (self.rate[:-1, None] + rate) / 2.0
         steps = np.stack([times[:-1, None] + since, r, rate, np.broadcast_to(acceleration[:, None], r.shape)])
-        rest = np.zeros((4, _SAMPLES_PER_STEP if times[0] > _CLOCK_TOLERANCE else 0))
-        rest[0] = np.linspace(0.0, times[0], rest.shape[1], endpoint=False)
-        end = np.array([[times[-1]], [self.r[-1]], [self.rate[-1]], [0.0]])
-        t, r, rate, acceleration = np.concatenate([rest, steps.reshape(4, -1), end], axis=1)
+        rest = np.zeros((4, _SAMPLES_PER_STEP + 1 if times[0] > _CLOCK_TOLERANCE else 0))
+        rest[0] = np.linspace(0.0, times[0], rest.shape[1])
+        t, r, rate, acceleration = np.concatenate([rest, steps.reshape(4, -1)], axis=1)
         return t, r, rate, acceleration
 
 
@@ -229,8 +231,8 @@ def execute(problem: MotionProblem, path: PhasePath) -> Trajectory:
 
     The hand rests until it has to leave to be with the part at the end of the line, and leaves at time 0 at the
     earliest; when that is too late it stays behind the part by ``path.lag`` and never meets it (``rendezvous_time`` is
-    inf). The acceleration jumps at every stage, so the real jerk is unbounded: the jerk in ``limit_ratios`` is that of
-    samples a tenth of a step apart. ``cost`` is J (eq 18) of this motion, from 0 to its end.
+    inf). The acceleration jumps at every stage, so no limit of jerk is kept. ``cost`` is J (eq 18) of this motion,
+    from 0 to its end.
     """
     line = _BeltLine.of(problem, path.reading.line)
     t, r, rate, rate_change = path.sample()

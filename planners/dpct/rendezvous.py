@@ -160,12 +160,25 @@ def sample_manoeuvre(line: Line, tracking: Tracking, solution: Solution) -> Moti
     stage = np.repeat(np.arange(len(durations)), parts + 1)
     part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
     s = durations[stage] * (part / parts[stage])
-    z = roll_out(tracking, solution.time, solution.acceleration, solution.jerk * solution.time**3)
+    control = _met_exactly(tracking, solution)
+    z = roll_out(tracking, solution.time, solution.acceleration, control)
     e, ed, edd = (z[stage, i] / solution.time**i for i in range(3))
-    j = solution.jerk[stage]
-    t = (np.cumsum(durations) - durations)[stage] + s
+    j = control[stage] / solution.time**3
+    t = np.minimum((np.cumsum(durations) - durations)[stage] + s, solution.time)
+    t[-1] = solution.time
     r, v, a = line.target_at(t)
     r += e + s * (ed + s * (edd / 2.0 + s * j / 6.0))
     v += ed + s * (edd + s * j / 2.0)
     a += edd + s * j
     return Motion(t, *joint_motion(line, r, v, a, j))
+
+
+def _met_exactly(tracking: Tracking, solution: Solution) -> Array:
+    """Scaled controls ``(N,)`` of a solution, with the least change that leaves no rest of the error at the end."""
+    h, control = tracking.durations, solution.jerk * solution.time**3
+    after = 1.0 - np.cumsum(h)
+    before = after + h
+    effect = np.stack([(before**3 - after**3) / 6.0, (before**2 - after**2) / 2.0, h])
+    rest = roll_out(tracking, solution.time, solution.acceleration, control)[-1]
+    exact: Array = control - np.linalg.lstsq(effect, rest, rcond=None)[0]
+    return exact

@@ -23,8 +23,14 @@ from planners.typing import Array
 ANIMATE = "planarm.animate"
 """Group of the entry point that draws motions: drawing is on a floor above this one."""
 
-SAME_TIME = 1e-9
-"""Fall of the time between two samples, as a fraction of the duration, that is rounding of a jump."""
+SAME_TIME = 1e-12
+"""Difference of the times of two samples, as a fraction of the duration, that is rounding: they have the same time."""
+
+MOST_TURNS = 4
+"""Most turning points of a value between two samples: one is found at a time."""
+
+FALL = 1e-9
+"""Fall of the time between two samples, as a fraction of the duration, that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -188,9 +194,24 @@ def sampled_trajectory(
     if not all(np.isfinite(values).all() for values in (times, *motion)):
         raise ValueError("t, q, qd and qdd must be finite; some are NaN or inf")
     rising = np.maximum.accumulate(times)
-    if times[0] != 0.0 or (rising - times > SAME_TIME * times[-1]).any() or not times[-1] > 0.0:
+    if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] > 0.0:
         raise ValueError("the times of the samples must begin at 0 and never fall")
-    samples = insert_turning_points(rising, *motion)
+    samples = _same_times(rising), motion[0], motion[1], motion[2]
+    for _ in range(MOST_TURNS):
+        count = len(samples[0])
+        samples = insert_turning_points(*samples)
+        if len(samples[0]) == count:
+            break
     tau = problem.loaded_arm.inverse_dynamics(*samples[1:])
-    measured = measure(problem, *samples)
+    measured = measure(problem, *samples, tau)
     return Trajectory(problem, *samples, tau, measured, cost, rendezvous_time, planner, rides_until)
+
+
+def _same_times(t: Array) -> Array:
+    """Rising times, with those that differ by rounding made equal: the first of them, at the end the last."""
+    apart = np.append(True, np.diff(t) > SAME_TIME * t[-1])
+    if apart.all():
+        return t
+    first: Array = t[np.maximum.accumulate(np.where(apart, np.arange(len(t)), 0))]
+    first[first >= t[-1] * (1.0 - SAME_TIME)] = t[-1]
+    return first

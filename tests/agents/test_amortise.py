@@ -15,10 +15,10 @@ pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"
 
 import torch
 
-from agents.training.amortise import MoveCost
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
 from agents.training.vec_env import NativeVecEnv
+from agents.training.warm_start.amortise import MoveCost
 from agents.training.whole_episodes import WholeEpisodes
 
 pytestmark = pytest.mark.rl

@@ -17,6 +17,7 @@ from pages import follow
 import agents
 import envs
 from agents.cli import main
+from agents.policies.files import describe_layout, layout_of
 from agents.policies.policy import as_policy
 
 ENV = "ConveyorTrack-v0"
@@ -212,3 +213,27 @@ def test_the_page_is_followed(tmp_path: Path) -> None:
     assert "make_policy - dpct" in printed
     assert "strong - dpct" in printed
     assert json.loads((tmp_path / "comparison.json").read_text())["complete"] is True
+
+
+MY_ARM = {
+    "lengths_m": [0.42, 0.31],
+    "masses_kg": [4.0, 2.5],
+    "limits": {
+        "torque_N_m": [60.0, 25.0],
+        "velocity_rad_s": [4.0, 6.0],
+        "acceleration_rad_s2": [30.0, 50.0],
+        "jerk_rad_s3": [600.0, 900.0],
+    },
+}
+
+
+def test_an_agent_says_at_once_that_it_was_trained_for_another_arm(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="trained for another arm: PLANAR_3R"):
+        agents.evaluate("agent", "MinTorqueMove-v0", [0], env_config={"arm": MY_ARM})
+    settings, belt = {"control_mode": "jerk", "arm": MY_ARM}, agents.load_agent(ENV)
+    document = {**belt.document, **describe_layout(layout_of(ENV, settings)), "env_config": settings}
+    agents.save_agent(agents.Agent(document, belt.tensors), tmp_path / "mine.safetensors")
+    own = agents.load_agent(tmp_path / "mine.safetensors")
+    assert agents.evaluate(own, ENV, [0]).metrics["peak_torque"] > 0.0  # in the arm that it carries
+    with pytest.raises(ValueError, match=r"another arm: arm \(links of 0\.42, 0\.31 m .* has SCARA_1M"):
+        agents.evaluate(own, ENV, [0], env_config={})

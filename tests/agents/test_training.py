@@ -26,11 +26,11 @@ from agents import Agent, evaluate, load_agent
 from agents.cli import main
 from agents.policies.agent import FORMAT
 from agents.training.algorithms import make_model
-from agents.training.dagger import collect, dagger, returns_to_go
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun, Watcher
 from agents.training.seeding import TRAINING_SEEDS, env_seed
 from agents.training.vec_env import NativeVecEnv
+from agents.training.warm_start.dagger import collect, dagger, returns_to_go
 from agents.yaml_config import load_config, shipped_configs
 from envs.conveyor_track.env import LAYOUT
 
@@ -168,12 +168,30 @@ def test_a_run_killed_again_and_again_ends_as_if_it_had_not_been(
     assert same_run(tmp_path, finished)
 
 
-def test_a_run_killed_in_its_warm_start_starts_over(
+def test_a_run_stopped_in_its_warm_start_goes_on_with_its_next_round(
+    uninterrupted: tuple[Path, float], tmp_path: Path
+) -> None:
+    run = TrainingRun.begin(tmp_path, small(**CLONED), "test")
+    lines: list[str] = []
+    for rounds in (1, 2):
+        stopped = Watcher(begin=lines.append, stop=lambda: bool(lines) and "DAgger" in lines[-1])
+        assert not run.train(stopped)
+        assert (tmp_path / "warm_start.pt").exists()
+        assert not (tmp_path / "checkpoint.pt").exists()
+        assert sum("DAgger" in line for line in lines) == rounds
+        run = TrainingRun.resume(tmp_path)
+    assert lines.count("evaluating apf") == 1
+    assert main(["train", "--resume", str(tmp_path)]) == 0
+    assert same_run(tmp_path, uninterrupted[0])
+    assert not (tmp_path / "warm_start.pt").exists()
+
+
+def test_a_run_killed_in_its_warm_start_ends_as_if_it_had_not_been(
     uninterrupted: tuple[Path, float], tmp_path: Path, start: Callable[[Path], Any]
 ) -> None:
     TrainingRun.begin(tmp_path, small(**CLONED), "test")
     process = start(tmp_path)
-    while process.is_alive() and not (tmp_path / "tensorboard").exists():
+    while process.is_alive() and not (tmp_path / "warm_start.pt").exists():
         time.sleep(0.001)
     process.kill()
     process.join()
@@ -205,18 +223,36 @@ def test_shipped_configs_give_the_same_weights_twice(name: str, tmp_path: Path) 
     assert same_run(tmp_path / "one", tmp_path / "other")
 
 
-def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+LONG = {"total_steps": 100_000_000, "checkpoint_steps": 100_000_000}
+
+
+@pytest.mark.parametrize(
+    ("number", "changes", "until"),
+    [
+        (signal.SIGINT, LONG, "checkpoint.pt"),
+        (signal.SIGTERM, {**LONG, "epochs": 10_000, "rollout_steps": 400}, "checkpoint.pt"),
+        (signal.SIGINT, {"warm_start": {"expert": "apf", "episodes": 2, "updates": 10**9}}, "warm_start.pt"),
+    ],
+    ids=["in a rollout", "in an update", "in the warm start"],
+)
+def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
+    number: signal.Signals, changes: dict[str, Any], until: str, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
-    TrainingRun.begin(folder, small(total_steps=100_000_000), "test")
+    TrainingRun.begin(folder, small(**changes), "test")
     command = [sys.executable, "-m", "agents.cli", "train", "--resume", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None and not (folder / "checkpoint.pt").exists():
+    while process.poll() is None and not (folder / until).exists():
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    time.sleep(1.0)
+    process.send_signal(number)
+    before = time.perf_counter()
     _, printed = process.communicate()
+    assert time.perf_counter() - before < 10.0  # under a second where nothing else runs, and minutes if it waited
     assert process.returncode == 130
     assert f"--resume {folder}" in printed
-    assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
+    if until == "checkpoint.pt":
+        assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
 
 
 def test_what_a_run_leaves(finished: Path) -> None:

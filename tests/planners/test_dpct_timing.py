@@ -184,7 +184,7 @@ def test_a_disc_aimed_at_the_moving_arm_is_passed_with_the_margin(speed: float, 
     elbow, hand = SCARA_50CM.joint_positions(straight.at(meeting)[0])[1:]
     velocity = speed * np.array([math.cos(course), math.sin(course)])
     place = elbow + point * (hand - elbow) - meeting * velocity
-    task = replace(free, obstacles=(Obstacle(place, velocity, 0.1),))
+    task = replace(free, obstacles=(Obstacle(place, velocity, 0.1),), horizon=12.0)
     assert float(SCARA_50CM.clearance(free.q, place, 0.1)) > MARGIN
     assert least_clearance(task, straight) < 0.0
     trajectory = plan(task)
@@ -205,7 +205,8 @@ def test_a_plan_is_never_predicted_to_touch(
         if error.reason != "collision":
             raise
         return
-    assert least_clearance(task, trajectory) >= -1e-3
+    assert trajectory.clearance >= 0.0
+    assert least_clearance(task, trajectory, until=trajectory.duration) >= -1e-3
     assert_sound(task, trajectory)
 
 
@@ -256,13 +257,51 @@ def test_it_goes_back_before_a_disc_that_comes_its_way() -> None:
     assert trajectory.q[-1] == pytest.approx(1.5)
 
 
-def test_a_disc_parked_on_the_only_way_is_waited_for_as_long_as_it_is_believed_in() -> None:
+def test_a_disc_parked_on_the_only_way_is_waited_for_as_long_as_it_is_believed_in_or_refused() -> None:
     task = problem((0.0,), joints(1.5), disc(0.35, 0.35), arm=ONE_LINK)
-    trajectory = plan(task)
+    trajectory = plan(task, contact="delay")
     assert least_clearance(task, trajectory) >= 0.0
+    assert trajectory.clearance < 0.0
     assert trajectory.at(PREDICTION)[0][0] < math.pi / 4
-    longer = plan(task, prediction=3.0)
+    longer = plan(task, prediction=3.0, contact="delay")
     assert least_clearance(task, longer, until=3.0) >= 0.0
+    with pytest.raises(Infeasible, match="every timing found touches a disc"):
+        plan(task)
+
+
+def test_a_disc_that_stays_longer_than_it_is_looked_ahead_for_is_waited_for() -> None:
+    task = problem((0.0,), joints(1.5), disc(0.35, 0.35, 0.04, 0.04), arm=ONE_LINK)
+    assert plan(task, contact="delay").clearance < 0.0
+    trajectory = plan(task)
+    assert trajectory.clearance >= 0.0
+    assert least_clearance(task, trajectory, until=trajectory.duration) >= 0.0
+    assert PREDICTION < trajectory.duration <= task.horizon
+    assert_sound(task, trajectory)
+
+
+def test_a_disc_parked_on_the_straight_way_is_never_driven_through() -> None:
+    """From (-0.6, 0.6) to (0.8, 0.6) rad; the disc is where the hand would be half way."""
+    hand = SCARA_50CM.forward_kinematics([0.1, 0.6])
+    task = problem((-0.6, 0.6), joints(0.8, 0.6), disc(*hand, radius=0.08))
+    assert plan(task, contact="delay").clearance < -0.1
+    with pytest.raises(Infeasible, match="touches a disc") as caught:
+        plan(task)
+    assert caught.value.reason == "collision"
+
+
+def test_a_motion_longer_than_the_horizon_is_refused_or_delayed() -> None:
+    task = replace(problem((0.0, 1.0), joints(1.5, 0.5)), horizon=0.3)
+    with pytest.raises(Infeasible, match=r"takes longer than 0.3 s, the best one .* s") as caught:
+        plan(task)
+    assert caught.value.reason == "late"
+    assert plan(task, contact="delay").duration > 0.3
+
+
+def test_a_slow_motion_takes_few_samples() -> None:
+    slow = replace(LIMITS, velocity=(1e-5, 1e-5), acceleration=(1e-5, 1e-5))
+    trajectory = plan(replace(problem((0.0, 1.0), joints(1.5, 0.5)), limits=slow, horizon=1e6))
+    assert trajectory.duration > 1e5
+    assert len(trajectory.t) < 10_000
 
 
 def test_a_collision_that_cannot_be_avoided_is_refused_or_delayed() -> None:
@@ -303,7 +342,9 @@ def test_a_start_too_fast_to_stop_within_the_range_is_refused() -> None:
 def test_an_arm_that_cannot_hold_its_weight_is_refused() -> None:
     limits = JointLimits(torque=(1.0,), velocity=(2.0,), acceleration=(4.0,))
     heavy = replace(ONE_LINK, gravity=9.81)
-    with pytest.raises(Infeasible, match="static torques use up the torque limits"):
+    with pytest.raises(
+        Infeasible, match=r"joint 1 holds the arm's weight at the start with 2.45.* times its torque limit"
+    ):
         plan(MotionProblem(arm=heavy, q=np.zeros(1), target=joints(1.0), horizon=8.0, limits=limits))
 
 
@@ -341,9 +382,9 @@ def test_options_out_of_range_are_refused(options: dict[str, object], message: s
 
 def test_what_it_cannot_do_is_refused() -> None:
     task = problem((0.0, 1.0), joints(1.0, 1.0))
-    with pytest.raises(ValueError, match="a MovingHand is for variant 'optimal'"):
+    with pytest.raises(ValueError, match=r"goes to a target of kind joints or hand, not moving hand; .*dpct .optimal"):
         plan(replace(task, target=MovingHand(np.array([0.5, 0.5]), np.zeros(2))))
-    with pytest.raises(ValueError, match="needs finite limits of velocity and acceleration"):
+    with pytest.raises(ValueError, match="needs a finite velocity limit of every joint; give limits"):
         plan(replace(task, limits=JointLimits(torque=(10.0, 4.0))))
     with pytest.raises(Infeasible, match="reach"):
         plan(replace(task, target=FixedHand(np.array([2.0, 0.0]))))

@@ -1,4 +1,4 @@
-"""What is asked of a planner and what it answers: refusals, copies, pickling, interpolation, limit ratios."""
+"""What is asked of a planner, and how it refuses: checks, copies, pickling."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.interpolate import BPoly
 
 from planners import (
     PLANAR_3R,
@@ -23,29 +20,12 @@ from planners import (
     MotionProblem,
     MovingHand,
     Obstacle,
-    Trajectory,
 )
-from planners.trajectory import limit_ratios
-from planners.typing import Array
 
 
 def problem(**changes: Any) -> MotionProblem:
     given = {"arm": SCARA_1M, "q": [0.1, 0.2], "target": FixedJoints([1.0, 1.0]), "horizon": 3.0}
     return MotionProblem(**(given | changes))
-
-
-def trajectory_of(samples: Array, polynomials: list[np.polynomial.Polynomial]) -> Trajectory:
-    """A trajectory whose joints follow polynomials of time."""
-    q, qd, qdd = (np.stack([p.deriv(order)(samples) for p in polynomials], axis=-1) for order in range(3))
-    ratios = {"torque": 0.5, "velocity": 0.75}
-    return Trajectory(samples, q, qd, qdd, np.zeros_like(q), ratios, cost=1.0, rendezvous_time=2.0, planner="test")
-
-
-QUINTICS = [
-    np.polynomial.Polynomial([0.3, -1.0, 0.5, 2.0, -1.5, 0.25]),
-    np.polynomial.Polynomial([-2.0, 0.1, 0.0, -0.7, 0.9, -0.3]),
-]
-UNEVEN = np.array([0.0, 0.1, 0.45, 0.5, 1.3, 2.0])
 
 
 class TestMotionProblem:
@@ -152,75 +132,3 @@ class TestInfeasible:
             "the belt is too fast",
         )
         assert error.details == {"speed": 0.4}
-
-
-class TestTrajectory:
-    def test_a_quintic_is_reproduced_between_uneven_samples(self) -> None:
-        times = np.linspace(0.0, 2.0, 501)
-        for order, found in enumerate(trajectory_of(UNEVEN, QUINTICS).at(times)):
-            expected = np.stack([p.deriv(order)(times) for p in QUINTICS], axis=-1)
-            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11)
-
-    @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6), st.integers(0, 10_000))
-    @settings(deadline=None, max_examples=40)
-    def test_any_samples_are_joined_by_the_hermite_quintic(self, steps: list[float], seed: int) -> None:
-        samples = np.concatenate([[0.0], np.cumsum(steps)])
-        rng = np.random.default_rng(seed)
-        q, qd, qdd = rng.normal(size=(3, len(samples), 2))
-        motion = Trajectory(samples, q, qd, qdd, np.zeros_like(q), {}, 0.0, 0.0, "test")
-        curve = BPoly.from_derivatives(samples, np.stack([q, qd, qdd], axis=1))
-        times = np.linspace(0.0, samples[-1], 97)
-        scale = 1.0 / min(steps) ** np.arange(3)
-        for order, found in enumerate(motion.at(times)):
-            exact = curve.derivative(order)(times) if order else curve(times)
-            inside = ~np.isclose(times[:, None], samples, rtol=0.0, atol=1e-9).any(axis=1)  # scipy jumps with q'''
-            np.testing.assert_allclose(found[inside], exact[inside], rtol=0.0, atol=1e-11 * scale[order])
-
-    def test_samples_are_returned_at_their_own_times(self) -> None:
-        motion = trajectory_of(UNEVEN, QUINTICS)
-        for found, stored in zip(motion.at(UNEVEN), (motion.q, motion.qd, motion.qdd), strict=True):
-            np.testing.assert_allclose(found, stored, rtol=0.0, atol=1e-12)
-
-    def test_outside_it_stays_at_the_ends(self) -> None:
-        motion = trajectory_of(UNEVEN, QUINTICS)
-        for time, end in ((-5.0, 0), (2.0 + 1e-9, -1), (math.inf, -1)):
-            for found, stored in zip(motion.at(time), (motion.q, motion.qd, motion.qdd), strict=True):
-                np.testing.assert_allclose(found, stored[end], rtol=0.0, atol=1e-12)
-
-    @pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3)])
-    def test_times_of_any_shape(self, shape: tuple[int, ...]) -> None:
-        for found in trajectory_of(UNEVEN, QUINTICS).at(np.full(shape, 0.7)):
-            assert found.shape == (*shape, 2)
-
-    def test_summary_numbers(self) -> None:
-        motion = trajectory_of(UNEVEN, QUINTICS)
-        assert (motion.duration, motion.limit_ratio, motion.rides_until) == (2.0, 0.75, math.inf)
-
-    def test_pickling_keeps_the_motion(self) -> None:
-        motion = trajectory_of(UNEVEN, QUINTICS)
-        back = pickle.loads(pickle.dumps(motion))
-        np.testing.assert_array_equal(back.at(UNEVEN[1:] - 0.02), motion.at(UNEVEN[1:] - 0.02))
-        assert (back.limit_ratios, back.cost, back.planner) == (motion.limit_ratios, 1.0, "test")
-
-
-class TestLimitRatios:
-    T = np.array([0.0, 0.5, 1.0])
-    Q = np.array([[0.0, 0.0], [-1.0, 0.5], [0.2, 0.6]])
-    QD = np.array([[0.0, 0.0], [0.1, -3.0], [0.2, 1.0]])
-    QDD = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -2.0]])
-    TAU = np.array([[4.0, 0.0], [-5.0, 1.0], [0.0, 1.0]])
-
-    def ratios(self, limits: JointLimits) -> dict[str, float]:
-        return limit_ratios(limits, self.T, self.Q, self.QD, self.QDD, self.TAU)
-
-    def test_worst_of_joints_and_samples(self) -> None:
-        limits = JointLimits(
-            (10.0, 1.0), velocity=(1.0, 2.0), acceleration=(4.0, 4.0), jerk=(1.0, 8.0), angle=(2.0, 1.0)
-        )
-        expected = {"torque": 1.0, "velocity": 1.5, "acceleration": 0.5, "jerk": 2.0, "angle": 0.6}
-        assert self.ratios(limits) == pytest.approx(expected)
-
-    def test_no_limit_gives_zero(self) -> None:
-        assert set(self.ratios(JointLimits.unlimited(2)).values()) == {0.0}
-        limits = JointLimits(torque=(math.inf, 0.5))
-        assert self.ratios(limits) == {"torque": 2.0, "velocity": 0.0, "acceleration": 0.0, "jerk": 0.0, "angle": 0.0}

@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.interpolate import BPoly
 
-from planners import PLANAR_3R, FixedHand, FixedJoints, Infeasible, MotionProblem, quintic
+from planners import PLANAR_3R, FixedHand, FixedJoints, Infeasible, JointLimits, MotionProblem, Obstacle, quintic
 
-HEAVY = replace(PLANAR_3R, gravity=9.81)
+HEAVY = replace(PLANAR_3R, gravity=9.81, limits=JointLimits())
 START, GOAL = np.array([0.2, -0.5, 1.0]), np.array([1.2, 0.4, -0.3])
 
 
@@ -39,11 +39,26 @@ def test_compiled_effort_equals_the_plans() -> None:
     plan, peak = quintic.plan(problem()), np.empty(3)
     effort = quintic.quintic_effort(*HEAVY.chain_constants, START, GOAL, 0.8, peak)
     assert effort == pytest.approx(plan.cost, rel=1e-12)
-    np.testing.assert_allclose(peak, np.abs(plan.tau).max(axis=0), rtol=1e-12)
+    sampled = np.isin(
+        plan.t, 0.8 * np.linspace(0.0, 1.0, quintic.SAMPLES + 1)
+    )  # not where it turns between two samples
+    np.testing.assert_allclose(peak, np.abs(plan.tau[sampled]).max(axis=0), rtol=1e-12)
 
 
-def test_limits_are_told_not_kept() -> None:
-    assert quintic.plan(problem(horizon=0.1)).limit_ratio > 1.0
+def test_a_motion_beyond_the_limits_is_refused_with_the_number() -> None:
+    limited = problem(horizon=0.1, limits=PLANAR_3R.limits)
+    with pytest.raises(Infeasible, match=r"takes joint \d to .* times its torque limit of .* N m at") as caught:
+        quintic.plan(limited)
+    assert caught.value.details["kind"] == "torque"
+    slow = quintic.plan(problem(horizon=8.0, limits=PLANAR_3R.limits, arm=replace(HEAVY, gravity=0.0)))
+    assert 0.0 < slow.limit_ratio <= 1.0
+
+
+def test_an_obstacle_on_the_way_is_refused_with_the_depth() -> None:
+    parked = Obstacle(HEAVY.forward_kinematics(0.5 * (START + GOAL)), np.zeros(2), 0.05)
+    with pytest.raises(Infeasible, match=r"touches an obstacle, .* mm deep at .* s") as caught:
+        quintic.plan(problem(obstacles=(parked,)))
+    assert caught.value.reason == "collision"
 
 
 def test_the_papers_move_from_rest_to_rest() -> None:
@@ -55,5 +70,5 @@ def test_the_papers_move_from_rest_to_rest() -> None:
 def test_what_it_cannot_do_is_said() -> None:
     with pytest.raises(Infeasible, match="start"):
         quintic.plan(problem(qd=np.array([0.1, 0.0, 0.0])))
-    with pytest.raises(ValueError, match="target in joint angles"):
+    with pytest.raises(ValueError, match="goes to a target of kind joints, not hand"):
         quintic.plan(problem(target=FixedHand(np.array([0.3, 0.2]), 0.0)))

@@ -28,6 +28,7 @@ from planners.motion.double_integrator import along_profile, fill_profile, rest_
 from planners.typing import Array
 
 LEAST_SPEEDS = 2  # speeds of the lattice between rest and the top speed, at least
+MOST_STAGES = 60  # of constant speed, where discs are near: the effort grows with the cube of all stages
 EDGE = 1e-9  # rounding of a ratio
 
 
@@ -100,6 +101,8 @@ def search(scene: PredictedDiscs, line: StraightLine, goals: Array, limits: Arra
         near = _cost_of_constant_speed(scene, line) + _cost_to_rest(scene, line, line.speed * start, line.speed, start)
         if near == 0.0:
             return least, constant_speed
+    if line.held > MOST_STAGES:
+        return np.inf, constant_speed
     places, speeds = lattice.ahead - lattice.back + 1, lattice.fastest - lattice.slowest + 1
     came = np.zeros((lattice.stages + 1, places, speeds), dtype=np.int8)
     value = _forward(scene, line, lattice, came)
@@ -260,7 +263,7 @@ def _cost_of_constant_speed(scene: PredictedDiscs, line: StraightLine) -> float:
     """Cost of small clearances in the stages of constant speed."""
     q = np.empty(line.origin.shape[0])
     total = 0.0
-    for half in range(1, 2 * line.held + 1):
+    for half in range(1, min(2 * line.held, round(2.0 * scene.prediction / STAGE)) + 1):
         t = 0.5 * STAGE * half
         total += cost_at(scene, line, line.speed * t, t, q)
     return total

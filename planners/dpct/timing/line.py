@@ -19,6 +19,7 @@ ROUNDS = 3  # of a fixed point: the line gives the transverse velocity, whose de
 SPARED_SPEED = 1.0 - 1e-4  # share of the velocity limits to which a motion above them is reduced
 TINY = 1e-9  # angle, rad, or velocity, rad/s, within rounding
 LEAST_LENGTH = 1e-9  # distance between start and goal, rad, below which a line between them has no direction
+LONGEST_BRAKING = 1000.0  # of a transverse velocity, s: beyond that a line is infeasible
 PROBES = 5  # positions on a line at which the torque limits are checked
 
 SLACK = 0.005
@@ -98,12 +99,12 @@ def _line(
             to_middle = (limits.middle[i] - origin[i]) / direction[i]
             low, high = max(low, to_middle - table[3, i] / slope), min(high, to_middle + table[3, i] / slope)
     acceleration = min(acceleration, _most_acceleration(origin, direction, length, limits))
-    if acceleration <= 0.0 or top_speed <= 0.0:
+    if not (acceleration > 0.0 and top_speed > 0.0 and decay <= LONGEST_BRAKING):
         low = high = np.nan
     acceleration, top_speed = max(acceleration, TINY), max(top_speed, TINY)
     speed *= length
     goal = length if has_goal else np.nan
-    held = 0 if gentle else round(decay / STAGE)
+    held = 0 if gentle else round(min(decay, LONGEST_BRAKING) / STAGE)
     stop = speed * (held * STAGE + 0.5 * abs(speed) / acceleration)
     if not np.isnan(low):
         low, high = min(low, stop) - TINY, max(high, stop) + TINY

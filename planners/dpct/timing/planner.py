@@ -14,6 +14,7 @@ Meant for replanning every 0.1 s or so from the arm's present state and the obse
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal, NamedTuple, get_args
 
@@ -26,14 +27,15 @@ from planners.dpct.timing.lattice import best_timing, time_from_rest
 from planners.dpct.timing.line import line_to
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
-from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, limit_broken
+from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 Contact = Literal["refuse", "delay"]
 
 MOST_PREDICTION = 3.0  # longest prediction horizon of the discs, s: the effort grows with its cube
-SAMPLING_STEP = 0.01  # largest time between two samples, s
+SAMPLING_STEP, MOST_SAMPLES = 0.01, 1000  # time between two samples, s, unless a piece then has more than so many
 ATTEMPTS, BACK_OFF = 10, 0.95  # attempts with tightened limits where a limit is exceeded, and an extra factor of each
 ROUNDING = 1e-9  # excess of a limit, as a fraction of it, within rounding
 
@@ -43,7 +45,7 @@ ROUNDING = 1e-9  # excess of a limit, as a fraction of it, within rounding
     "timing",
     {
         "joints": Takes(obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration")),
-        "hand": Takes(links=(2, 3), obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration")),
+        "hand": Takes(obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration")),
     },
 )
 def plan_timing(
@@ -52,56 +54,100 @@ def plan_timing(
     """Come to rest at a fixed target, as soon as the discs allow.
 
     With no disc near, this is the time-optimal motion on the straight joint line. Otherwise the time to the target is
-    traded off against the time spent closer than ``margin`` to a disc. Limits of torque, velocity and acceleration are
-    kept on a dense grid of samples, joint ranges to within 0.005 rad. The acceleration jumps: no limit of jerk is kept
-    (its ratio is then inf), and the acceleration at time 0 is not the start's. Clearance has priority over the
-    duration: a plan may be longer than the problem's horizon.
+    traded off against the time spent closer than ``margin`` to a disc. The acceleration jumps, at time 0 too.
+
+    Where the best motion touches a disc later than it has looked ahead, it is followed for half of that time, and
+    planned again from there; then all of this with the longest prediction.
 
     Args:
         problem: at rest or in motion, with a fixed target.
         margin: least clearance from a disc without a cost, m.
-        prediction: prediction horizon of the discs at constant velocity, s; later they are ignored.
-        contact: if every timing touches a disc, ``"refuse"`` to plan, or ``"delay"`` the contact as long as possible.
+        prediction: how far discs are looked ahead for in one plan, s.
+        contact: ``"refuse"`` a motion that touches a disc or arrives after the horizon, or ``"delay"`` the contact as
+            long as possible: one plan with discs ignored after the prediction, and no promise but the limits.
 
     Returns:
         The trajectory; its cost is the time to the target plus the cost of small clearances, s.
 
     Raises:
-        Infeasible: ``collision`` if every timing touches a disc; ``unreachable`` if the target is out of reach;
-            ``limits`` if the limits allow no motion.
+        Infeasible: ``collision`` if every motion found touches a disc; ``late`` if it takes longer than the horizon;
+            ``unreachable`` if the target is out of reach; ``limits`` if the limits allow no motion.
         ValueError: if the target moves, a joint has no limit of velocity or acceleration, or an option is out of range.
     """
-    target = problem.target
-    if isinstance(target, MovingHand):
-        raise ValueError("variant 'timing' goes to a fixed target; a MovingHand is for variant 'optimal'")
+    assert isinstance(problem.target, FixedJoints | FixedHand)  # as declared
     if not (margin > 0.0 and math.isfinite(margin)):
         raise ValueError(f"margin {margin} m must be positive and finite")
     if not STAGE <= prediction <= MOST_PREDICTION:
         raise ValueError(f"prediction {prediction} s must be from {STAGE} to {MOST_PREDICTION} s")
     require_choice("contact", contact, get_args(Contact))
-    limits = np.array([problem.joint_limits.array(kind) for kind in ("torque", "velocity", "acceleration", "angle")])
-    if not np.isfinite(limits[1:3]).all():
-        raise ValueError("variant 'timing' needs finite limits of velocity and acceleration for every joint")
+    goals = np.array(goal_postures(problem, problem.target, "best"))
+    if contact == "delay":
+        return _plan_once(problem, _scene(problem, margin, prediction), goals)
+    refusals = []
+    for ahead in dict.fromkeys((prediction, MOST_PREDICTION)):
+        try:
+            return _plan_clear(problem, margin, ahead, goals)
+        except Infeasible as refusal:
+            refusals.append(refusal)
+            if refusal.reason not in ("collision", "late"):
+                break
+    raise refusals[0]
+
+
+def _plan_clear(problem: MotionProblem, margin: float, prediction: float, goals: Array) -> Trajectory:
+    """A motion that is clear to its end, of as many plans as that takes."""
+    begin, now, parts = 0.0, problem, []
+    while True:
+        scene = _scene(now, margin, prediction)
+        plan = _plan_once(now, scene, goals)
+        time = first_contact(scene, plan.t, plan.q)
+        end = begin + plan.duration
+        if plan.clearance >= 0.0 and end > problem.horizon:
+            message = f"every timing found takes longer than {problem.horizon:.4g} s, the best one {end:.4g} s"
+            raise Infeasible("late", f"{message}; allow more time, or raise the limits", minimum_time=end)
+        if plan.clearance >= 0.0:
+            break
+        if math.isfinite(time) or begin + prediction > problem.horizon:
+            time = begin + min(time, plan.measured.clearance_time)
+            message = f"every timing found touches a disc, the best one after {time:.3g} s"
+            advice = "allow more time, raise the acceleration limits, or try variant 'via' of lagrange"
+            raise Infeasible("collision", f"{message}; {advice}", time=time)
+        cut = 0.5 * prediction
+        q, qd, qdd = plan.at(cut)
+        first = plan.t < cut
+        t = begin + np.append(plan.t[first], cut)
+        parts.append((t, *(np.vstack([a[first], b]) for a, b in ((plan.q, q), (plan.qd, qd), (plan.qdd, qdd)))))
+        begin += cut
+        moved = tuple(replace(disc, position=disc.position + cut * disc.velocity) for disc in now.obstacles)
+        now = replace(now, q=q, qd=qd, obstacles=moved)
+    if not parts:
+        return plan
+    parts.append((begin + plan.t, plan.q, plan.qd, plan.qdd))
+    motion = [np.concatenate(values) for values in zip(*parts, strict=True)]
+    return sampled_trajectory(problem, *motion, cost=begin + plan.cost, rendezvous_time=end, planner="dpct (timing)")
+
+
+def _scene(problem: MotionProblem, margin: float, prediction: float) -> PredictedDiscs:
+    """The arm and its discs."""
     arm = problem.arm
     discs = np.array([[*disc.position, *disc.velocity, disc.radius] for disc in problem.obstacles]).reshape(-1, 5)
-    scene = PredictedDiscs(arm.length_array, arm.base_array, arm.link_radius, discs, margin, prediction)
-    goals = np.array(goal_postures(problem, target, "best"))
+    return PredictedDiscs(arm.length_array, arm.base_array, arm.link_radius, discs, margin, prediction)
+
+
+def _plan_once(problem: MotionProblem, scene: PredictedDiscs, goals: Array) -> Trajectory:
+    """The best motion within the limits, planned again within tighter ones where it exceeds them."""
+    kinds: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "angle")
+    limits = np.array([problem.joint_limits.array(kind) for kind in kinds])
     for _ in range(ATTEMPTS):
         cost, legs = _plan_legs(problem, scene, goals, limits)
         trajectory = _trajectory(problem, legs, cost)
         excess = _excess(problem, trajectory)
         if excess <= 1.0 + ROUNDING:
-            break
+            return trajectory
         tighter = BACK_OFF / excess
         limits[:3] *= np.array([[tighter], [math.sqrt(tighter)], [tighter]])
-    else:
-        message = f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower"
-        raise Infeasible("limits", message, ratio=excess)
-    time = first_contact(scene, trajectory.t, trajectory.q)
-    if contact == "refuse" and math.isfinite(time):
-        message = f"every timing found touches a disc, the best one after {time:.3g} s"
-        raise Infeasible("collision", f"{message}; raise the acceleration limits, or give contact='delay'", time=time)
-    return trajectory
+    message = f"the motion takes {excess:.4g} times the limits even at {limits[2, 0]:.3g} rad/s^2; start slower"
+    raise Infeasible("limits", message, ratio=excess)
 
 
 class _Leg(NamedTuple):
@@ -124,6 +170,7 @@ def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limi
     bounds = ArmLimits(limits, problem.joint_limits.angle_middle, *problem.loaded_arm.chain_constants)
     cost, line, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
     if not np.isfinite(cost):
+        _require_strength(problem, goals)
         message = "the joints are too fast to stop within their ranges, or the static torques use up the torque limits"
         raise Infeasible("limits", f"{message}; start slower, or raise the limits")
     pieces = [(STAGE, acceleration) for acceleration in accelerations]
@@ -136,7 +183,22 @@ def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limi
     stop = line.origin + (r + 0.5 * v * abs(v) / line.acceleration) * line.direction
     times = [time_from_rest(stop, goal[None], limits) for goal in goals]
     last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], bounds)
+    if math.isnan(last.low):
+        raise Infeasible(
+            "limits", "no straight line within the limits leads on to the target from a detour; raise them"
+        )
     return cost, [_leg(line, pieces), _leg(last, _to_rest(last, last.goal, 0.0))]
+
+
+def _require_strength(problem: MotionProblem, goals: Array) -> None:
+    """Raise Infeasible if the motors cannot hold the arm at the start, or at none of the goals."""
+    limits, still = problem.joint_limits.array("torque"), np.zeros_like(goals)
+    held = np.abs(problem.loaded_arm.inverse_dynamics(goals, still, still)) / limits
+    least = held[held.max(axis=1).argmin()]
+    start = np.abs(problem.loaded_arm.bias(problem.q, still[0])) / limits
+    for where, ratios in (("start", start), ("target", least)):
+        if not ratios.max() < 1.0:
+            raise limit_broken("limits", f"holds the arm's weight at the {where} with", ratios[None], ("torque",))
 
 
 def _leg(line: StraightLine, pieces: list[tuple[float, float]]) -> _Leg:
@@ -171,7 +233,7 @@ def _trajectory(problem: MotionProblem, legs: list[_Leg], cost: float) -> Trajec
 def _excess(problem: MotionProblem, trajectory: Trajectory) -> float:
     """Worst ratio to a limit of torque, acceleration or velocity; the last one is taken to be at least the start's."""
     ratios = trajectory.limit_ratios
-    start = float(np.max(np.abs(trajectory.qd[0]) / np.array(problem.joint_limits.velocity)))
+    start = float(np.max(np.abs(trajectory.qd[0]) / problem.joint_limits.array("velocity")))
     return max(ratios["torque"], ratios["acceleration"], ratios["velocity"] / max(1.0, start))
 
 
@@ -184,7 +246,7 @@ def _sample(leg: _Leg) -> tuple[Array, Array, Array, Array]:
     duration, acceleration = leg.pieces.T
     begin = np.append(0.0, np.cumsum(duration))
     jumps = np.unique(np.append(begin, line.decay if line.decay < begin[-1] else 0.0))
-    pieces = [np.linspace(a, b, math.ceil((b - a) / SAMPLING_STEP) + 1) for a, b in pairwise(jumps)]
+    pieces = [np.linspace(a, b, min(math.ceil((b - a) / SAMPLING_STEP), MOST_SAMPLES) + 1) for a, b in pairwise(jumps)]
     t = np.concatenate([np.zeros(0), *pieces])
     middle = np.repeat(0.5 * (jumps[:-1] + jumps[1:]), [len(times) for times in pieces])
     rise = np.append(0.0, np.cumsum(duration * acceleration))

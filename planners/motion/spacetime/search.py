@@ -53,8 +53,8 @@ RING_PLACES = 8
 GRID = 0.002
 """Spacing of the samples of the motion that is returned, s."""
 
-JUMP = 1e-6
-"""Duration of a jump of the acceleration in the samples, s."""
+NEAR = 2e-6
+"""Least time between a jump of the acceleration and a sample of the grid, s."""
 
 
 @dataclass(frozen=True)
@@ -265,14 +265,16 @@ def _pieces(world: World, lattice: Lattice, motion: States, profiles: Array) -> 
 
 
 def _sample(arm: Arm, limits: JointLimits, pieces: Pieces, entry: float, end: float) -> Trajectory:
-    """The motion on a dense grid until ``end``."""
+    """The motion on a dense grid until ``end``, with two samples where the acceleration jumps."""
     begins, q0, qd0, accelerations = pieces
-    jumps = begins[(begins > JUMP) & (begins < end - JUMP)]
-    jumps = jumps[np.diff(jumps, prepend=-1.0) > 2.0 * JUMP]
+    jumps = np.unique(begins[(begins > 0.0) & (begins < end)])
     grid = np.linspace(0.0, end, round(end / GRID) + 1)
-    near = np.min(np.abs(grid[:, None] - jumps), axis=1, initial=np.inf) < 2.0 * JUMP
-    t = np.sort(np.concatenate([grid[~near], jumps - JUMP, jumps]))
+    near = np.min(np.abs(grid[1:-1, None] - jumps), axis=1, initial=np.inf) < NEAR
+    near = np.concatenate([[False], near, [False]])
+    t = np.sort(np.concatenate([grid[~near], jumps, jumps]))
     piece = np.searchsorted(begins, t, side="right") - 1
+    before = np.append(np.diff(t) == 0.0, False)
+    piece[before] = np.searchsorted(begins, t[before], side="left") - 1
     since = (t - begins[piece])[:, None]
     qdd = accelerations[piece]
     qd = qd0[piece] + since * qdd

@@ -20,6 +20,7 @@ def gradient_steps(
     settings: WarmStart | Amortisation,
     generator: np.random.Generator,
     *,
+    first: int = 0,
     rate: Callable[[int], float] = lambda update: 1.0,
     max_norm: float | None = None,
 ) -> Iterator[float]:
@@ -29,11 +30,12 @@ def gradient_steps(
         optimizer: of the parameters; its first learning rates are those that ``rate`` scales.
         loss: of a minibatch, which ``generator`` draws from so many ``samples``.
         settings: number of updates, and size of a minibatch.
+        first: number of the first update, of those that are left.
         rate: factor on the learning rates, by the number of the update.
         max_norm: a longer gradient is scaled down to this norm.
     """
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-    for update in range(settings.updates):
+    for update in range(first, settings.updates):
         for group in optimizer.param_groups:
             group["lr"] = group.setdefault("initial_lr", group["lr"]) * rate(update)
         value = loss(generator.integers(samples, size=settings.batch_size))

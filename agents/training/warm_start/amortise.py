@@ -7,7 +7,6 @@ on amortized optimization", section 2). No physics is simulated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -16,8 +15,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.training.gradient_steps import Minibatch, gradient_steps
 from agents.training.recipe import Amortisation, PPOConfig
+from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
+from agents.training.warm_start.stage import Stage, state_of
 from envs.min_torque_move.env import MinTorqueMove
 from envs.min_torque_move.kernels import SHAPE_SCALE
 from planners.motion.time_laws import SHAPES, quintic, shape_functions
@@ -85,13 +85,14 @@ class MoveCost:
         return moment.flip(-1).cumsum(-1).flip(-1)
 
 
-def amortise(policy: Any, config: PPOConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
+def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None) -> bool:
     """Fit the mean action of a policy of PPO to the least cost of the motions; whether it was completed.
 
-    ``seed`` is of the first move and of the order of the moves. ``progress`` is called with a line after every
-    twentieth of the updates and says whether to continue. Without an amortisation in ``config``, nothing is done.
+    ``seed`` is of the first move and of the order of the moves. ``stage`` keeps the state after every twentieth of the
+    updates, from which a later call goes on, and hears a line about it. Without an amortisation in ``config``, nothing
+    is done.
     """
-    plan = config.amortise
+    plan, stage = config.amortise, stage or Stage()
     if plan is None:
         return True
     observations, cost = _moves(config, plan, seed)
@@ -110,19 +111,27 @@ def amortise(policy: Any, config: PPOConfig, seed: int, progress: Callable[[str]
 
     costs: list[float] = []
     every = -(-plan.updates // _LINES)
-    generator = np.random.default_rng(seed)
-    for value in gradient_steps(optimizer, loss, len(observations), plan, generator, rate=rate, max_norm=1.0):
+    generator, done = np.random.default_rng(seed), 0
+    if state := stage.load("amortise"):
+        policy.load_state_dict(state["policy"])
+        optimizer.load_state_dict(state["optimizer"])
+        generator.bit_generator.state = state["generator"]
+        done = int(state["updates"])
+    steps = gradient_steps(optimizer, loss, len(observations), plan, generator, first=done, rate=rate, max_norm=1.0)
+    for value in steps:
         costs.append(value)
-        if len(costs) % every == 0:
-            line = f"amortising: {len(costs):,} of {plan.updates:,} updates, cost {np.mean(costs[-every:]):.3f}"
-            if not progress(line):
+        done += 1
+        if done % every == 0:
+            stage.save("amortise", {**state_of(policy, optimizer, generator), "updates": done})
+            if not stage.report(f"amortising: {done:,} of {plan.updates:,} updates, cost {np.mean(costs):.3f}"):
                 return False
+            costs.clear()
     return True
 
 
 def _moves(config: PPOConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
     """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
-    with closing(gym.make_vec(config.env, num_envs=_N_ENVS, **config.env_config)) as env:
+    with closing(gym.make_vec(config.env_id, num_envs=_N_ENVS, **config.env_config)) as env:
         task = env.unwrapped.task  # type: ignore[attr-defined]
         if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
             raise ValueError("amortise needs MinTorqueMove-v0 with control_mode motion: its actions are whole motions")

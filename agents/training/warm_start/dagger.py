@@ -6,7 +6,6 @@ learning", algorithm 3.1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -16,34 +15,46 @@ import torch
 from numpy.typing import NDArray
 
 import envs
-from agents.training.gradient_steps import Minibatch, gradient_steps
 from agents.training.recipe import PPOConfig, WarmStart
+from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
+from agents.training.warm_start.stage import Stage, state_of
 from planners.typing import Array
 
 
-def dagger(policy: Any, config: PPOConfig, seed: int, progress: Callable[[str], bool] = lambda line: True) -> bool:
+def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None) -> bool:
     """Fit the mean action of a policy to an expert's, and its value to the returns of the fitted policy.
 
     The expert acts in the first iteration, which is behaviour cloning, and the policy in the later ones. The expert
     labels every state visited, and each iteration fits the policy to the samples of all iterations so far. ``seed`` is
-    of the first episode and of the order of the samples. ``progress`` is called with a line after each iteration and
-    says whether to continue; the return value says whether all is done. Without a warm start in ``config``, it is.
+    of the first episode and of the order of the samples. ``stage`` keeps the state after each iteration, from which a
+    later call goes on, and hears a line about it; the return value says whether all is done. Without a warm start in
+    ``config``, it is.
     """
-    plan = config.warm_start
+    plan, stage = config.warm_start, stage or Stage()
     if plan is None:
         return True
     generator = np.random.default_rng(seed)
     optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate)
     observations = np.zeros((0, *policy.observation_space.shape), np.float32)
     labels = np.zeros((0, *policy.action_space.shape), np.float32)
-    with closing(gym.make_vec(config.env, num_envs=plan.episodes, **config.env_config)) as env:
-        for iteration in range(plan.rounds):
+    first = 0
+    if state := stage.load("dagger"):
+        policy.load_state_dict(state["policy"])
+        optimizer.load_state_dict(state["optimizer"])
+        generator.bit_generator.state = state["generator"]
+        observations, labels = state["observations"].numpy(), state["labels"].numpy()
+        first = int(state["iterations"])
+    with closing(gym.make_vec(config.env_id, num_envs=plan.episodes, **config.env_config)) as env:
+        for iteration in range(first, plan.rounds):
             actor = policy if iteration else None
             visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)
             observations = np.concatenate([observations, *visited])
             labels = np.concatenate([labels, *wanted])
             error = _fit_actions(policy, optimizer, (observations, labels), plan, iteration, generator) ** 0.5
-            if not progress(f"DAgger, {plan.expert}: iteration {iteration + 1} of {plan.rounds}, error {error:.3f}"):
+            samples = {"observations": torch.from_numpy(observations), "labels": torch.from_numpy(labels)}
+            stage.save("dagger", {**state_of(policy, optimizer, generator), **samples, "iterations": iteration + 1})
+            line = f"DAgger, {plan.expert}: iteration {iteration + 1} of {plan.rounds}, error {error:.3f}"
+            if not stage.report(line):
                 return False
         visited, _, rewards = collect(env, plan.expert, policy, seed + plan.rounds * plan.episodes)
     returns = np.concatenate(returns_to_go(rewards, config.gamma))
