@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,15 @@ from planners import (
     PLANAR_3R,
     SCARA_1M,
     SCARA_50CM,
+    Arm,
     FixedHand,
     FixedJoints,
     Infeasible,
+    JointLimits,
     MotionProblem,
     MovingHand,
     Obstacle,
+    Trajectory,
     apf,
     quintic,
 )
@@ -76,3 +81,111 @@ def test_where_it_does_not_lead_there_it_says_why() -> None:
         apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 3.0), variant="optimal")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"period 0\.0 s must be finite and positive"):
         apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 3.0), period=0.0)
+
+
+INDUSTRIAL = Arm(
+    "three",
+    (0.4, 0.3, 0.12),
+    (6.0, 3.0, 1.0),
+    JointLimits(torque=(60.0, 25.0, 10.0), velocity=(6.0, 8.0, 10.0), acceleration=(30.0, 40.0, 60.0), angle=2.6),
+)
+
+
+def worst_load(problem: MotionProblem, motion: Trajectory) -> float:
+    """Worst |value| / limit on a dense grid, jerk by differences."""
+    t = np.linspace(0.0, motion.duration, 30_001)
+    q, qd, qdd = motion.at(t)
+    limits = problem.joint_limits
+    values = {
+        "torque": problem.loaded_arm.inverse_dynamics(q, qd, qdd),
+        "velocity": qd,
+        "acceleration": qdd,
+        "angle": q - limits.angle_middle,
+    }
+    if np.isfinite(limits.jerk).all():
+        values["jerk"] = np.diff(qdd, axis=0) / t[1]
+    return max(float((np.abs(array) / limits.array(kind)).max()) for kind, array in values.items())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("acceleration", [(0.0, 0.0), (0.02, 0.01)])
+def test_jerk_is_limited_on_the_continuous_motion(acceleration: tuple[float, float]) -> None:
+    hand = SCARA_1M.inverse_kinematics([-0.8, 1.732])[0]
+    part = MovingHand(np.array([-0.9, 1.732]), np.array([0.2, 0.0]), np.array(acceleration))
+    problem = MotionProblem(SCARA_1M, hand, part, 3.0)
+    motion = apf.plan(problem)
+    assert worst_load(problem, motion) <= 1.0 + 1e-6
+    assert 0.5 < motion.limit_ratios["jerk"] <= 1.0 + 1e-6
+    riding = np.linspace(motion.rendezvous_time, 3.0, 500)
+    distance = SCARA_1M.forward_kinematics(motion.at(riding)[0]) - part.at(riding)[0]
+    assert np.hypot(*distance.T).max() <= 1.1e-3
+
+
+def test_accelerations_that_are_held_jump_between_periods() -> None:
+    motion = apf.plan(MotionProblem(SCARA_50CM, np.array([0.0, 1.0]), FixedHand(np.array([0.4, 0.4])), 3.0))
+    assert (np.diff(motion.t) >= 0.0).all()
+    assert not ((np.diff(motion.t) > 0.0) & (np.diff(motion.t) < 1e-6)).any()
+    assert np.abs(motion.at(np.arange(45) / 50)[2]).max() <= 16.0
+
+
+@pytest.mark.parametrize("horizon", [1.0, 3.0, 3.01])
+def test_joint_targets_keep_velocities_and_accelerations(horizon: float) -> None:
+    problem = MotionProblem(SCARA_50CM, np.array([0.2, 1.5]), FixedJoints(np.array([1.2, 0.8])), horizon)
+    motion = apf.plan(problem)
+    assert worst_load(problem, motion) <= 1.0 + 1e-6
+    assert motion.duration == pytest.approx(horizon, rel=1e-12)
+
+
+def test_limits_of_the_problem_are_kept() -> None:
+    slow = replace(SCARA_50CM.limits, velocity=(0.8, 0.8))
+    motion = apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 8.0, limits=slow))
+    assert np.abs(motion.qd).max() <= 0.8
+
+
+def test_the_short_way_is_taken_across_half_a_turn() -> None:
+    hand = FixedHand(SCARA_1M.forward_kinematics(np.array([3.2, 1.05])))
+    limits = replace(SCARA_1M.limits, jerk=(np.inf, np.inf))
+    motion = apf.plan(MotionProblem(SCARA_1M, np.array([3.1, 1.0]), hand, 20.0, limits=limits))
+    assert motion.q[-1, 0] == pytest.approx(3.2, abs=0.01)
+    bounded = replace(limits, angle=(3.15, 2.6))
+    back = apf.plan(MotionProblem(SCARA_1M, np.array([3.1, 1.0]), hand, 60.0, limits=bounded))
+    np.testing.assert_allclose(SCARA_1M.forward_kinematics(back.q[-1]), hand.position, atol=1e-3)
+    assert back.limit_ratios["angle"] <= 1.0
+
+
+def test_a_field_without_limits_of_velocity_never_ends_in_nan() -> None:
+    generator, limits, solved = np.random.default_rng(5), JointLimits(torque=500.0), 0
+    for _ in range(60):
+        place = SCARA_1M.forward_kinematics(generator.uniform(-3.0, 3.0, 2))
+        target = MovingHand(place, generator.uniform(-0.4, 0.4, 2))
+        problem = MotionProblem(
+            SCARA_1M, generator.uniform(-3.0, 3.0, 2), target, generator.uniform(0.5, 6.0), limits=limits
+        )
+        try:
+            motion = apf.plan(problem)
+        except Infeasible:
+            continue
+        solved += 1
+        assert worst_load(problem, motion) <= 1.0 + 1e-6
+    assert solved > 10
+
+
+@pytest.mark.parametrize("jerk", [np.inf, 300.0])
+def test_three_links_follow_a_part(jerk: float) -> None:
+    q = np.array([0.5, 1.0, 0.2])
+    target = MovingHand(INDUSTRIAL.forward_kinematics(q) + np.array([-0.05, 0.05]), np.array([-0.1, -0.05]))
+    problem = MotionProblem(INDUSTRIAL, q, target, 3.0, limits=replace(INDUSTRIAL.limits, jerk=(jerk,) * 3))
+    motion = apf.plan(problem)
+    assert worst_load(problem, motion) <= 1.0 + 1e-6
+    np.testing.assert_allclose(INDUSTRIAL.forward_kinematics(motion.q[-1]), target.at(3.0)[0], atol=1e-4)
+    np.testing.assert_allclose(motion.q.sum(axis=1), q.sum(), atol=0.01)  # the last link hardly turns
+
+
+def test_what_it_does_not_take_is_refused_with_who_does() -> None:
+    with pytest.raises(ValueError, match=r"apf \(field\) keeps no jerk limits; .*lagrange \(optimal\)"):
+        apf.plan(MotionProblem(SCARA_1M, START, GOAL, 3.0))
+    with pytest.raises(ValueError, match=r"takes 2 links, and three has 3; .*lagrange \(via\)"):
+        apf.plan(MotionProblem(INDUSTRIAL, np.array([0.5, 1.0, 0.2]), GOAL, 3.0))
+    with pytest.raises(ValueError, match=r"1e\+05 s has 5000000 periods of 0\.02 s, more than 100000"):
+        apf.plan(MotionProblem(PLANAR_3R, np.zeros(3), FixedJoints(np.ones(3)), 1e5))
+    with pytest.raises(Infeasible, match=r"still 1\.\d+ rad from the target"):
+        apf.plan(MotionProblem(SCARA_50CM, np.array([0.2, 1.5]), FixedJoints(np.array([1.6, 0.8])), 0.1))
