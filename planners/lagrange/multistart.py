@@ -23,8 +23,7 @@ from planners.lagrange.starts import start_curves
 from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory.interpolate import insert_turning_points
-from planners.trajectory.measure import measure
+from planners.trajectory import sampled_trajectory
 from planners.typing import Array
 
 COARSE_DEGREE, COARSE_POINTS = 10, 49
@@ -218,5 +217,4 @@ def _measured_loads(minimum: Minimum, samples: Basis) -> Array:
     q, qd, qdd, _ = minimum.at(samples)
     start, end = move.ends
     problem = MotionProblem(move.arm, start[0], FixedJoints(end[0]), move.duration, limits=move.limits)
-    times = samples.s * move.duration
-    return measure(problem, *insert_turning_points(times, *map(np.ascontiguousarray, (q, qd, qdd)))).ratios
+    return sampled_trajectory(problem, samples.s * move.duration, q, qd, qdd, planner="").measured.ratios

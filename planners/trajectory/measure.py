@@ -169,7 +169,7 @@ def _jerk(h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: f
         after = between(k / PARTS, h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])[2]
         most = max(most, (abs(after - before) - blur) * PARTS / h)
         before = after
-    return most
+    return float(most)
 
 
 @njit(cache=True, nogil=True)
