@@ -217,4 +217,4 @@ def _measured_loads(minimum: Minimum, samples: Basis) -> Array:
     q, qd, qdd, _ = minimum.at(samples)
     start, end = move.ends
     problem = MotionProblem(move.arm, start[0], FixedJoints(end[0]), move.duration, limits=move.limits)
-    return sampled_trajectory(problem, samples.s * move.duration, q, qd, qdd, planner="").measured.ratios
+    return sampled_trajectory(problem, samples.s * move.duration, q, qd, qdd, planner="lagrange").measured.ratios

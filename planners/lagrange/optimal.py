@@ -20,7 +20,7 @@ from planners.capabilities import Takes, variant
 from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import Curve, JointMove, Objective, torque_rate
-from planners.lagrange.multistart import Fit, least_torque, polished
+from planners.lagrange.multistart import Fit, least_torque, polished, reaches
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
@@ -43,9 +43,10 @@ SETTLED = 0.5
 MET = np.array([[1e-6], [1e-6], [1e-3]])
 """Differences of joint angle, velocity and acceleration (SI units) below which the arm already follows the target."""
 
-TIME_PRECISION, GROWTH, MOST_GROWTHS, GROWTHS_IF_WEAK = 0.01, 1.5, 16, 6
-"""Of the search for the minimum time: relative precision, factor and number of steps of the bracketing, and their
-number where slow motions exceed a torque limit by gravity alone."""
+TIME_PRECISION, GROWTH, MOST_GROWTHS, GROWTHS_IF_WEAK = 0.01, 1.5, 9, 4
+"""Of the search for the minimum time: relative precision, first factor of the bracketing, with which the factor itself
+grows from step to step, and number of steps; and their number where slow motions exceed a torque limit by gravity
+alone."""
 
 WAY_SHARES = np.linspace(0.0, 1.0, 21)
 
@@ -101,7 +102,7 @@ def plan_optimal(
         clamp_acceleration: whether the start's acceleration is continued and the target's met, so that torque and
             acceleration do not jump there; by default where there are jerk limits.
         guess: an additional motion to start from, such as the plan for a similar problem.
-        explain: on failure find the least feasible time (about a second), for the message and the details.
+        explain: on failure find the least feasible time (some seconds), for the message and the details.
 
     Returns:
         The trajectory; its cost is the objective over its whole duration.
@@ -240,25 +241,26 @@ def _require_within_limits(move: JointMove, side: int, reason: str, most: float)
 def _late(moves: Sequence[JointMove], settings: Settings) -> Infeasible:
     """Why a fixed target is not reached in time: the least feasible time, by bracketing and bisection."""
 
-    def search(duration: float, guess: Curve | None) -> Fit | None:
+    def search(moves: Sequence[JointMove], duration: float, guess: Curve | None) -> Fit | None:
         others = [replace(move, duration=duration) for move in moves]
         return least_torque(others, settings.objective, settings.degree, guess)
 
     horizon = moves[0].duration
     low, high, fit = horizon, horizon, None
     weak = _too_weak_on_the_way(moves)
-    for _ in range(MOST_GROWTHS if weak is None else GROWTHS_IF_WEAK):
-        low, high = high, GROWTH * high
-        fit = search(high, None)
+    for growth in range(1, 1 + (MOST_GROWTHS if weak is None else GROWTHS_IF_WEAK)):
+        low, high = high, GROWTH**growth * high
+        reaching = [move for move in moves if reaches(replace(move, duration=high))]
+        fit = search(reaching, high, None) if reaching else None
         if fit is not None:
             break
     if fit is None:
         return weak or Infeasible("limits", f"no motion within the limits found, not even in {high:.4g} s")
     while high - low > TIME_PRECISION * high:
-        middle = 0.5 * (low + high)
-        found = search(middle, fit.curve)
+        middle = math.sqrt(low * high)
+        found = search([fit.minimum.move], middle, fit.curve)
         low, high, fit = (middle, high, fit) if found is None else (low, middle, found)
-    while search(high, None) is None:  # without the plan for a longer time to start from
+    while search(moves, high, None) is None:  # without the plan for a longer time to start from
         high *= 1.0 + TIME_PRECISION
     return _too_late(horizon, high)
 

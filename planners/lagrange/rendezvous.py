@@ -83,7 +83,7 @@ def find_rides(problem: MotionProblem, target: MovingHand, elbow: Elbow) -> list
         try:
             line = reduce_to_line(replace(problem, q=posture, qd=still, qdd=still))
         except Infeasible as refusal:
-            reason = refusal
+            reason = Infeasible("unreachable", f"the hand cannot follow the target: {refusal.message}")
             continue
         windows = ride_windows(line)
         if windows:

@@ -196,7 +196,7 @@ def sampled_trajectory(
     rising = np.maximum.accumulate(times)
     if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] > 0.0:
         raise ValueError("the times of the samples must begin at 0 and never fall")
-    samples: tuple[Array, Array, Array, Array] = _same_times(rising), motion[0], motion[1], motion[2]
+    samples = _same_times(rising), motion[0], motion[1], motion[2]
     for _ in range(MOST_TURNS):
         count = len(samples[0])
         samples = insert_turning_points(*samples)
