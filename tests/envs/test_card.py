@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 
 every_env = pytest.mark.parametrize("env_id", envs.env_ids())
 
+
 @every_env
 def test_an_episode_has_what_the_card_declares(env_id: str) -> None:
     card, env = envs.task_card(env_id), gym.make(env_id)

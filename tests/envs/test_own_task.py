@@ -80,6 +80,6 @@ def test_an_agent_is_trained_by_the_pages_recipe(tmp_path: Path) -> None:
     write_files(tmp_path)
     small = ["total_steps=800", "num_envs=4", "rollout_steps=50", "batch_size=100", "evaluation_episodes=2"]
     run(tmp_path, sys.executable, "-m", "agents.cli", "train", "circle.yaml", *small, "--out", "run")
-    assert "follower" in (tmp_path / "run" / "metrics.csv").read_text()
+    assert ",apf," in (tmp_path / "run" / "metrics.csv").read_text()
     code = "import agents, circle_task; print(agents.evaluate('run', 'Circle-v0', range(2)).lengths.tolist())"
     assert run(tmp_path, sys.executable, "-c", code).strip() == "[150, 150]"
