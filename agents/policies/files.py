@@ -86,7 +86,7 @@ def layout_of(env_id: str, env_config: Mapping[str, Any]) -> Layout:
     Raises:
         ValueError: if there is no such environment, or it refuses the settings.
     """
-    envs.task_card(env_id)  # raises for an unknown id
+    refuse_unknown([env_id], envs.env_ids(), "environment")
     with closing(gym.make(env_id, **env_config)) as env:
         layout: Layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
         return layout
