@@ -25,6 +25,9 @@ Range = float | tuple[float, float]
 class EveryJoint(tuple[Range, ...]):
     """A single value that holds for every joint, while the number of joints is not known."""
 
+    def __repr__(self) -> str:
+        return repr(self[0])
+
 
 @dataclass(frozen=True, init=False)
 class JointLimits:
