@@ -106,6 +106,11 @@ def test_the_ends_of_a_range_load_it_fully_and_what_is_beyond_more(one: float, o
     assert not limits.within([beyond])
 
 
+def test_unknown_kinds_of_limits_are_refused() -> None:
+    with pytest.raises(ValueError, match='unknown kind of limit "speed"'):
+        SCARA_50CM.limits.array("speed")  # type: ignore[arg-type]
+
+
 def test_nan_is_in_no_range() -> None:
     limits = JointLimits.unlimited(2)
     np.testing.assert_array_equal(limits.within([[0.0, math.nan], [1e9, -1e9]]), [False, True])

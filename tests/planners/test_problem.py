@@ -224,3 +224,24 @@ class TestLimitRatios:
         assert set(self.ratios(JointLimits.unlimited(2)).values()) == {0.0}
         limits = JointLimits(torque=(math.inf, 0.5))
         assert self.ratios(limits) == {"torque": 2.0, "velocity": 0.0, "acceleration": 0.0, "jerk": 0.0, "angle": 0.0}
+
+
+def test_what_is_of_another_kind_is_refused_with_how_to_give_it() -> None:
+    def given(**changes: Any) -> MotionProblem:
+        usual = {"arm": SCARA_1M, "q": [0.0, 1.0], "target": FixedJoints(np.ones(2)), "horizon": 1.0}
+        return MotionProblem(**(usual | changes))
+
+    disc = Obstacle(np.array([1.0, 1.0]), np.zeros(2), 0.1)
+    assert given(obstacles=disc).obstacles == given(obstacles=[disc]).obstacles == (disc,)
+    for changes, message in (
+        ({"arm": "SCARA_1M"}, "arm 'SCARA_1M' is no Arm; planners.load_arm makes one of a name or a file"),
+        ({"target": [1.0, 1.0]}, r"target \[1.0, 1.0\] is no target; give FixedJoints\(q\), FixedHand\(position\)"),
+        ({"limits": {"torque": 1.0}}, r"limits {'torque': 1.0} are no JointLimits; write JointLimits"),
+        ({"obstacles": [[1.0, 1.0]]}, r"obstacles \[\[1.0, 1.0\]\] must be Obstacle\(position, velocity, radius\)"),
+        ({"obstacles": None}, "obstacles None must be Obstacle"),
+        ({"q": "ab"}, "q 'ab' must be numbers"),
+        ({"q": [[0.0, 1.0]]}, r"q has shape \(1, 2\); it must have shape \(2,\)"),
+        ({"horizon": "long"}, "horizon 'long' must be a finite number"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            given(**changes)
