@@ -76,9 +76,9 @@ def note_compiling() -> Iterator[None]:
 def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
     """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt.
 
-    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C. An interrupt that meets code of
-    Numba between Python and compiled code, which cannot bear an exception there, waits for the end of the call; one
-    that comes out of compiled code as a SystemError is a KeyboardInterrupt here too.
+    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C. An interrupt that meets
+    Numba's conversion of results, which cannot bear an exception, waits for the end of the call; one that comes out of
+    compiled code as a SystemError is a KeyboardInterrupt here too.
     """
     caught: list[bool] = []
 
@@ -127,4 +127,5 @@ def _bears_exceptions(frame: FrameType | None) -> bool:
     if frame is None:
         return True
     file = frame.f_code.co_filename
-    return not file.endswith(os.path.join("numba", "core", "serialize.py")) and not file.startswith("<")
+    here = file == __file__  # the handler's own frames, above the one that it interrupts
+    return not here and not file.startswith("<") and not file.endswith(os.path.join("numba", "core", "serialize.py"))

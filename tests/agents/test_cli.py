@@ -207,3 +207,19 @@ def test_ctrl_c_is_answered_within_a_second(tmp_path: Path) -> None:
     assert b"interrupted" in said or process.returncode == 130
     assert process.returncode == 130
     assert waited < 1.0
+
+
+@pytest.mark.parametrize("file", ["numba/core/serialize.py", "<string>"])
+def test_ctrl_c_waits_while_numba_converts_a_result(file: str) -> None:
+    passed: list[str] = []
+    names = {"signal": signal, "passed": passed}
+    code = "def convert():\n    signal.raise_signal(signal.SIGINT)\n    passed.append('converted')\n"
+    exec(compile(code, file, "exec"), names)
+
+    def call() -> None:
+        names["convert"]()  # type: ignore[operator]
+        passed.append(str(len("more")))
+
+    with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
+        call()
+    assert passed == ["converted"]
