@@ -165,7 +165,7 @@ def test_missing_keys_names_and_files_are_named() -> None:
         load_arm("my.yaml")
     with pytest.raises(ValueError, match=r'unknown arm .* "SCARA_50"; did you mean "SCARA_50CM"\?'):
         load_arm("SCARA_50")
-    with pytest.raises(ValueError, match="no file x+.yaml"):
+    with pytest.raises(ValueError, match=r"no file x+\.yaml"):
         load_arm(5000 * "x" + ".yaml")
     with pytest.raises(ValueError, match="7 is no arm; give an Arm, a name, the path of a YAML or JSON file, or a"):
         load_arm(7)  # type: ignore[arg-type]
