@@ -68,20 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     named = next((name for name in given[:1] if name in COMMANDS), None)
     try:
-        options = _parse(given, named)  # exits after help or an error
-        from gymnasium.error import DependencyNotInstalled
-
-        from agents.console import note_compiling
-        from planners.files import check_output
-
-        try:
-            for name in OUTPUTS:
-                check_output(getattr(options, name, None))
-            with note_compiling():
-                code: int | None = import_module(COMMANDS[str(named)].module).run(options)
-            sys.stdout.flush()
-        except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
-            return _complain(named, error)
+        return _run(named, _parse(given, named))  # the parser exits after help or an error
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # whoever read the output has read enough
@@ -89,6 +76,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
+        return _complain(named, error)
+
+
+def _run(named: str | None, options: Any) -> int:
+    """Run a command; the exit code."""
+    from gymnasium.error import DependencyNotInstalled
+
+    from agents.console import catch_interrupt, note_compiling
+    from planners.files import check_output
+
+    try:
+        for name in OUTPUTS:
+            check_output(getattr(options, name, None))
+        with catch_interrupt(at_once=True), note_compiling():
+            code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+        sys.stdout.flush()
+    except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
         return _complain(named, error)
     return code or 0
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
 from typing import Any
 
 from rich.console import Console
@@ -73,18 +76,56 @@ def note_compiling() -> Iterator[None]:
 def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
     """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt.
 
-    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C.
+    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C. An interrupt that meets
+    Numba's conversion of results, which cannot bear an exception, waits for the end of the call; one that comes out of
+    compiled code as a SystemError is a KeyboardInterrupt here too.
     """
     caught: list[bool] = []
 
-    def handle(signal_number: int, frame: object) -> None:
+    def handle(signal_number: int, frame: FrameType | None) -> None:
         caught.append(True)
         if at_once or len(caught) > 1:
-            raise KeyboardInterrupt
+            _interrupt(frame)
 
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
+    except SystemError as error:
+        if was_interrupted(error):
+            raise KeyboardInterrupt from None
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether an exception comes from a KeyboardInterrupt."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _interrupt(frame: FrameType | None) -> None:
+    """Raise a KeyboardInterrupt in a frame of Python, now or as soon as there is one that can bear it."""
+    if _bears_exceptions(frame):
+        raise KeyboardInterrupt
+
+    def later(current: FrameType, event: str, argument: object) -> None:
+        if _bears_exceptions(current):
+            sys.setprofile(None)
+            raise KeyboardInterrupt
+
+    sys.setprofile(later)
+
+
+def _bears_exceptions(frame: FrameType | None) -> bool:
+    """Whether a frame is not called by Numba's conversion of results, which dies of an exception.
+
+    That unpickles the class of a named tuple and calls its ``__new__``, which is compiled from a string.
+    """
+    if frame is None:
+        return True
+    file = frame.f_code.co_filename
+    here = file == __file__  # the handler's own frames, above the one that it interrupts
+    return not here and not file.startswith("<") and not file.endswith(os.path.join("numba", "core", "serialize.py"))

@@ -149,11 +149,15 @@ def env_ids() -> list[str]:
 
 
 def task_card(env_id: str) -> TaskCard:
-    """The card of a task.
+    """The card of a task by its id; ``"module:id"`` imports the module first, as `gym.make` does.
 
     Raises:
         ValueError: if no task has this id, with the nearest one that there is.
     """
+    module, colon, name = env_id.rpartition(":")
+    if colon:
+        import_module(module)
+        env_id = name
     if env_id not in _CARDS:
         from envs.settings import refuse_unknown
 

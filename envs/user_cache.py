@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
+import zipfile
+import zlib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -50,9 +52,9 @@ def _writable(own: str | None, shared: str | None, home: str | None) -> Path:
 def load_arrays(name: str) -> dict[str, NDArray[np.float64]] | None:
     """Arrays of a file in the cache; None if there is none, or it cannot be read."""
     try:
-        with np.load(cache_folder() / name, allow_pickle=False) as stored:
+        with (cache_folder() / name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {key: np.asarray(stored[key], dtype=np.float64) for key in stored.files}
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error):
         return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,9 @@ def read_document(path: Path) -> Any:
         ValueError: if there is no such file, it is too large or too deep, no text, or no YAML or JSON; or if a key
             stands twice in a mapping.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise ValueError(f"cannot read {path}: no such file")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ValueError(f"cannot read {path}: it is no file")
     try:
         with path.open("rb") as file:

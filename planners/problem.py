@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -108,7 +108,7 @@ class MotionProblem:
         q, qd, qdd: joint angles, velocities and accelerations at time 0, ``(n,)``; at rest when left out.
         target: to reach, within ``horizon`` s.
         limits: of the joints; the arm's own when left out.
-        obstacles: discs to avoid.
+        obstacles: discs to avoid: a tuple, a list, or a single `Obstacle`.
         payload: estimated point mass at the hand, kg.
     """
 
@@ -123,6 +123,7 @@ class MotionProblem:
     payload: float = 0.0
 
     def __post_init__(self) -> None:
+        _require_kinds(self)
         n = self.arm.n_joints
         for name, default in {"qd": np.zeros(n), "qdd": np.zeros(n), "limits": self.arm.limits}.items():
             if getattr(self, name) is None:
@@ -152,10 +153,31 @@ class MotionProblem:
         return self.arm.with_payload(self.payload)
 
 
+def _require_kinds(problem: MotionProblem) -> None:
+    """Raise ValueError for what is of another kind than a problem needs; make a tuple of the obstacles."""
+    if not isinstance(problem.arm, Arm):
+        raise ValueError(f"arm {problem.arm!r:.80} is no Arm; planners.load_arm makes one of a name or a file")
+    if not isinstance(problem.target, FixedJoints | FixedHand | MovingHand):
+        raise ValueError(
+            f"target {problem.target!r:.80} is no target; give FixedJoints(q), FixedHand(position) or "
+            "MovingHand(position, velocity)"
+        )
+    if not isinstance(problem.limits, JointLimits | None):
+        raise ValueError(f"limits {problem.limits!r:.80} are no JointLimits; write JointLimits(torque=...)")
+    given = problem.obstacles
+    obstacles = (given,) if isinstance(given, Obstacle) else tuple(given) if isinstance(given, Iterable) else None
+    if obstacles is None or not all(isinstance(item, Obstacle) for item in obstacles):
+        raise ValueError(f"obstacles {given!r:.80} must be Obstacle(position, velocity, radius), or several in a tuple")
+    object.__setattr__(problem, "obstacles", obstacles)
+
+
 def _freeze(instance: object, **lengths: int | None) -> None:
     """Turn the named fields into read-only float arrays of the given lengths (None: any)."""
     for name, length in lengths.items():
-        array = np.array(getattr(instance, name), dtype=float)
+        try:
+            array = np.array(getattr(instance, name), dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"{name} {getattr(instance, name)!r:.80} must be numbers") from None
         if array.ndim != 1 or (length is not None and len(array) != length):
             wanted = "one dimension" if length is None else f"shape ({length},)"
             raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")

@@ -23,6 +23,8 @@ from envs.settings import refuse_unknown
 from planners.files import write_bytes, write_json
 
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
+_REPLACED = "replaced"  # key of the JSON of the weights that are about to be replaced
+_ATTEMPTS = 20
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
 
 
@@ -45,9 +47,12 @@ def load_agent(source: str | Path) -> Agent:
     """
     path = _find(source)
     try:
-        content = path.read_bytes()
-        document = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        tensors = load(content)
+        for _ in range(_ATTEMPTS):  # more than one only while another process replaces the agent
+            content = path.read_bytes()
+            tensors = load(content)
+            document = _of_weights(json.loads(path.with_suffix(".json").read_text(encoding="utf-8")), content)
+            if not isinstance(document, dict) or document.get("sha256") == _hash(content):
+                break
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, SafetensorError) as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
@@ -57,18 +62,39 @@ def load_agent(source: str | Path) -> Agent:
         raise ValueError(
             f"{path} has format {document['format']}; this version of planarm reads {FORMAT} and {SQUASHED_FORMAT}"
         )
-    if document["sha256"] != hashlib.sha256(content).hexdigest():
+    if document["sha256"] != _hash(content):
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
     _check_layout(path, document)
     return Agent(document, tensors)
 
 
 def save_agent(agent: Agent, path: Path) -> None:
-    """Write an agent's weights to ``path`` (.safetensors) and its JSON beside it, each atomically."""
+    """Write an agent's weights to ``path`` (.safetensors) and its JSON beside it.
+
+    An agent that is there already can be loaded at any moment, until the new one can: the JSON holds that of the
+    replaced weights too until they are replaced.
+    """
     content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
+    beside = path.with_suffix(".json")
+    document = {**agent.document, "env_config": portable(agent.env_config), "sha256": _hash(content)}
+    try:
+        replaced = _of_weights(json.loads(beside.read_text(encoding="utf-8")), path.read_bytes())
+    except (OSError, ValueError):
+        replaced = None
+    if isinstance(replaced, dict):
+        write_json(beside, {**document, _REPLACED: {name: replaced[name] for name in replaced if name != _REPLACED}})
     write_bytes(path, content)
-    own = {**agent.document, "env_config": portable(agent.env_config)}
-    write_json(path.with_suffix(".json"), {**own, "sha256": hashlib.sha256(content).hexdigest()})
+    write_json(beside, document)
+
+
+def _of_weights(document: Any, content: bytes) -> Any:
+    """The JSON that belongs to some weights: that of the replaced ones inside it, or else as it is."""
+    replaced = document.get(_REPLACED) if isinstance(document, dict) else None
+    return replaced if isinstance(replaced, dict) and replaced.get("sha256") == _hash(content) else document
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def describe_layout(layout: Layout) -> dict[str, Any]:

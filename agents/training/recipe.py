@@ -220,12 +220,14 @@ class SACConfig(OffPolicyConfig):
 
     Attributes:
         entropy_weight: of the entropy in the objective; ``auto`` learns it.
+        initial_entropy_weight: with which ``auto`` begins.
         target_entropy: of the actions, for ``entropy_weight: auto``; ``auto`` is minus their number.
     """
 
     title: ClassVar[str] = "SAC"
     algorithm: Literal["sac"] = "sac"
     entropy_weight: Literal["auto"] | Annotated[float, Field(ge=0.0)] = "auto"
+    initial_entropy_weight: float = Field(1.0, gt=0.0)
     target_entropy: Literal["auto"] | float = "auto"
 
 

@@ -60,13 +60,7 @@ def distribution_of(demands: Demands) -> Distribution:
         common = _from_table(shipped(), demands, demands.in_table)
         if len(common.cells) and (demands.in_table or _mostly_solvable(common, demands)):
             return common
-    own = _from_table(own_table(demands), demands, True)
-    if len(own.cells) == 0:
-        raise ValueError(
-            f"no start is known that settles within horizon {demands.horizon:g} s minus hold_time "
-            f"{demands.hold_time:g} s with {demands.arm.name}; the defaults are 3 s and 0.5 s"
-        )
-    return own
+    return _from_table(own_table(demands), demands, True)
 
 
 def _from_table(table: Table, demands: Demands, certain: bool) -> Distribution:

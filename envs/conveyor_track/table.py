@@ -117,27 +117,28 @@ def own_table(demands: Demands) -> Table:
         table = _table(stored)
         if table.rendezvous_time.shape == table.rides_until.shape == shape:
             return table
-    table = solve(_fitting_axes(demands), demands)
-    arrays = {"rendezvous_time": table.rendezvous_time, "rides_until": table.rides_until, **table.axes}
-    store_arrays(name, arrays)
-    return table
-
-
-def _fitting_axes(demands: Demands) -> dict[str, Array]:
-    """The grid with the fastest belt for which DPCT solves enough of some probes."""
-    latest = demands.horizon - demands.hold_time
     for share in PACES:
         axes = axes_of(demands, share * pace_of(demands), NODES)
-        generator = np.random.default_rng(0)
-        solved = 0
-        for probe in range(PROBES):
-            values = [generator.uniform(*sorted((nodes[0], nodes[-1]))) for nodes in axes.values()]
-            met, ridden = _solved(Start._make([*values, ELBOWS[probe % 2]]), demands)
-            solved += met <= latest and ridden >= demands.horizon
-        if solved >= PROBED * PROBES:
-            return axes
+        if _probably_solvable(axes, demands):
+            table = solve(axes, demands)
+            if len(table.cells(demands.horizon, demands.hold_time)):
+                store_arrays(
+                    name, {"rendezvous_time": table.rendezvous_time, "rides_until": table.rides_until, **table.axes}
+                )
+                return table
     raise ValueError(
         f"no start is known that settles within horizon {demands.horizon:g} s minus hold_time {demands.hold_time:g} s "
-        f"(the defaults are 3 s and 0.5 s) with {demands.arm.name}, payload {demands.payload:g} kg and belt "
-        f"acceleration {demands.belt_acceleration:g} m/s^2: DPCT solves hardly any, also on a slow belt"
+        f"(the defaults are 3 s and 0.5 s) with {demands.arm.name}, gravity {demands.arm.gravity:g} m/s^2, payload "
+        f"{demands.payload:g} kg and belt acceleration {demands.belt_acceleration:g} m/s^2: DPCT solves hardly any, "
+        "also on a slow belt"
     )
+
+
+def _probably_solvable(axes: Mapping[str, Array], demands: Demands) -> bool:
+    """Whether DPCT solves enough of some starts within the grid in time."""
+    generator, solved = np.random.default_rng(0), 0
+    for probe in range(PROBES):
+        values = [nodes[0] + generator.random() * (nodes[-1] - nodes[0]) for nodes in axes.values()]
+        met, ridden = _solved(Start._make([*values, ELBOWS[probe % 2]]), demands)
+        solved += met <= demands.horizon - demands.hold_time and ridden >= demands.horizon
+    return solved >= PROBED * PROBES

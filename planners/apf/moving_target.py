@@ -104,7 +104,7 @@ def approach(
     bandwidth = BANDWIDTH / period if bandwidth is None and period > 0.0 else bandwidth
     if not (period > 0.0 and bandwidth is not None and bandwidth > 0.0):
         raise ValueError(f"period {period} s and bandwidth {bandwidth} rad/s must be positive")
-    limits = limits or arm.limits
+    limits = (limits or arm.limits).for_joints(arm.n_joints, arm.name)
     torque, *others = (np.array(getattr(limits, kind)) for kind in ("torque", "velocity", "acceleration", "jerk"))
     model = _ArmModel(*arm.chain_constants, arm.length_array, TORQUE_SHARE * torque, *others)
     q, qd, qdd, *motion = (

@@ -6,6 +6,7 @@ A mapping holds the values of an `Arm`; `arm_document` gives one that leads back
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,7 @@ def load_arm(spec: Arm | str | Path | Mapping[str, Any]) -> Arm:
         names = arm_names()
         refuse_unknown([str(spec)], names, "arm (a file's name ends in .yaml or .json)")
         path = FOLDER / f"{spec}.yaml"
-    elif not path.exists():
+    elif not os.path.exists(path):
         raise ValueError(f"no file {path}; the arms known by name are {', '.join(arm_names())}")
     document = read_document(path)
     if not isinstance(document, Mapping):
@@ -85,9 +86,12 @@ def load_arm(spec: Arm | str | Path | Mapping[str, Any]) -> Arm:
     return _from_mapping(document, path.stem, str(path))
 
 
-def arm_document(arm: Arm) -> dict[str, Any]:
-    """The arm as a mapping of strict JSON, from which `load_arm` makes the same arm; no limit is None or left out."""
-    limits = {}
+def arm_document(arm: Arm | str | Path) -> dict[str, Any]:
+    """The arm as a mapping of strict JSON, from which `load_arm` makes the same arm; no limit is None or left out.
+
+    A name or a file is loaded first, as by `load_arm`.
+    """
+    arm, limits = load_arm(arm), {}
     for kind in LIMIT_KINDS:
         values = getattr(arm.limits, kind)
         if any(value != math.inf for value in values):
@@ -120,7 +124,7 @@ def _from_mapping(document: Mapping[str, Any], name: str, what: str) -> Arm:
     try:
         return Arm(name=name, limits=_limits({} if limits is None else limits), **given)
     except ValueError as error:
-        raise ValueError(f"{what}: {error}") from None
+        raise ValueError(f"{what}: {str(error).removeprefix(f'{name}: ')}") from None
 
 
 def _limits(document: Any) -> JointLimits:

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.checks import refuse_unknown
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -24,6 +25,9 @@ Range = float | tuple[float, float]
 
 class EveryJoint(tuple[Range, ...]):
     """A single value that holds for every joint, while the number of joints is not known."""
+
+    def __repr__(self) -> str:
+        return repr(self[0])
 
 
 @dataclass(frozen=True, init=False)
@@ -107,6 +111,8 @@ class JointLimits:
 
     def array(self, kind: LimitKind) -> Array:
         """Limits of a kind, ``(n,)``, read-only; of the angles half of the width of their ranges."""
+        if kind not in self._arrays:
+            refuse_unknown([kind], LIMIT_KINDS, "kind of limit")
         return self._arrays[kind]
 
     @cached_property
@@ -167,7 +173,7 @@ def is_number(value: Any) -> bool:
 def _limits(kind: LimitKind, given: Any) -> tuple[Any, ...]:
     """The limits of a kind as floats (angles also as pairs of floats), checked."""
     every = is_number(given) or isinstance(given, EveryJoint)
-    if not every and (isinstance(given, str) or not isinstance(given, Iterable)):
+    if not every and (isinstance(given, str | bytes) or not isinstance(given, Iterable)):
         raise ValueError(f"{kind} limits {given!r} are no numbers; {_how(kind)}")
     items = (given,) if is_number(given) else tuple(given)
     values = tuple(_limit(kind, item, items) for item in items)

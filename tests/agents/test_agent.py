@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +157,44 @@ def test_running_an_agent_needs_no_torch(saved: Path) -> None:
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
+
+
+def test_an_agent_can_be_loaded_at_every_moment_of_its_replacement(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a process is killed, or another one reads, between any two of the writes."""
+    other = Agent(agent().document, {**agent().tensors, "log_std": np.array([7.0, 7.0], np.float32)})
+    seen: list[float] = []
+    real_replace = os.replace
+
+    def replace(source: Any, target: Any) -> None:
+        real_replace(source, target)
+        seen.append(float(load_agent(saved).tensors["log_std"][0]))
+
+    monkeypatch.setattr(os, "replace", replace)
+    save_agent(other, saved)
+    before = float(agent().tensors["log_std"][0])
+    assert seen == [before, 7.0, 7.0]
+    assert "replaced" not in json.loads(saved.with_suffix(".json").read_text())
+
+
+def test_agents_are_read_beside_a_busy_writer(saved: Path) -> None:
+    others = [Agent(agent().document, {**agent().tensors, "log_std": np.full(2, k, np.float32)}) for k in range(2)]
+    running = True
+
+    def write() -> None:
+        while running:
+            for other in others:
+                save_agent(other, saved)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        for _ in range(60):
+            load_agent(saved)
+    finally:
+        running = False
+        writer.join()
 
 
 def change(path: Path, **changes: Any) -> None:

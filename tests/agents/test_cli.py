@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ import agents
 import envs
 from agents.cli import COMMANDS, main
 from agents.commands import rollout
-from agents.console import note_compiling
+from agents.console import catch_interrupt, note_compiling
 
 
 def test_help_is_quick_because_it_imports_nothing() -> None:
@@ -177,3 +179,47 @@ def test_a_task_of_ones_own_in_every_command(
         sys.modules.pop("slow_belt", None)
         gym.registry.pop("SlowBelt-v0", None)
         envs.card._CARDS.pop("SlowBelt-v0", None)
+
+
+def test_ctrl_c_in_compiled_code_is_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    def in_compiled_code(options: Any) -> int:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(rollout, "run", in_compiled_code)
+    assert main(["rollout", "ConveyorTrack-v0"]) == 130
+    with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
+        in_compiled_code(None)
+    with pytest.raises(SystemError, match="another"), catch_interrupt(at_once=True):
+        raise SystemError("another")
+
+
+def test_ctrl_c_is_answered_within_a_second(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "agents.cli", "evaluate", "dpct", "--env", "ConveyorTrack-v0"]
+    arguments = ["--against", "random", "--episodes", "20000", "--num-envs", "8"]
+    with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        time.sleep(8.0)
+        process.send_signal(signal.SIGINT)
+        assert process.stderr is not None
+        began = time.monotonic()
+        said = process.stderr.readline()
+        waited = time.monotonic() - began
+        process.stderr.read()
+    assert b"interrupted" in said or process.returncode == 130
+    assert process.returncode == 130
+    assert waited < 1.0
+
+
+@pytest.mark.parametrize("file", ["numba/core/serialize.py", "<string>"])
+def test_ctrl_c_waits_while_numba_converts_a_result(file: str) -> None:
+    passed: list[str] = []
+    names = {"signal": signal, "passed": passed}
+    code = "def convert():\n    signal.raise_signal(signal.SIGINT)\n    passed.append('converted')\n"
+    exec(compile(code, file, "exec"), names)
+
+    def call() -> None:
+        names["convert"]()  # type: ignore[operator]
+        passed.append(str(len("more")))
+
+    with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
+        call()
+    assert passed == ["converted"]

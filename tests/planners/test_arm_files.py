@@ -53,6 +53,7 @@ def test_a_file_gives_an_arm_with_its_units_applied(tmp_path: Path) -> None:
 def test_an_arm_and_a_name_are_arms() -> None:
     assert load_arm(SCARA_50CM) is SCARA_50CM
     assert load_arm("PLANAR_3R") is PLANAR_3R
+    assert arm_document("so101") == arm_document(load_arm("so101"))
 
 
 @st.composite
@@ -164,6 +165,8 @@ def test_missing_keys_names_and_files_are_named() -> None:
         load_arm("my.yaml")
     with pytest.raises(ValueError, match=r'unknown arm .* "SCARA_50"; did you mean "SCARA_50CM"\?'):
         load_arm("SCARA_50")
+    with pytest.raises(ValueError, match=r"no file x+\.yaml"):
+        load_arm(5000 * "x" + ".yaml")
     with pytest.raises(ValueError, match="7 is no arm; give an Arm, a name, the path of a YAML or JSON file, or a"):
         load_arm(7)  # type: ignore[arg-type]
 

@@ -32,6 +32,7 @@ def test_a_number_holds_for_every_joint_of_the_others_or_of_the_arm() -> None:
     arm = Arm("pair", [0.4, 0.3], [1.0, 1.0], open_)
     assert arm.limits == JointLimits(torque=(5.0, 5.0), velocity=(2.0, 2.0), angle=(1.5, 1.5))
     assert open_.for_joints(3).torque == (5.0, 5.0, 5.0)
+    assert repr(open_) == "JointLimits(torque=5.0, velocity=2.0, acceleration=inf, jerk=inf, angle=1.5)"
     assert replace(open_, jerk=7.0).for_joints(2).jerk == (7.0, 7.0)
     assert pickle.loads(pickle.dumps(open_)).for_joints(2) == open_.for_joints(2)
     assert open_.scaled(2.0).for_joints(2).torque == (10.0, 10.0)
@@ -103,6 +104,11 @@ def test_the_ends_of_a_range_load_it_fully_and_what_is_beyond_more(one: float, o
     beyond = upper + 1e-6 * (upper - lower) + 1e-9
     assert load(beyond, upper) > 1.0
     assert not limits.within([beyond])
+
+
+def test_unknown_kinds_of_limits_are_refused() -> None:
+    with pytest.raises(ValueError, match='unknown kind of limit "speed"'):
+        SCARA_50CM.limits.array("speed")  # type: ignore[arg-type]
 
 
 def test_nan_is_in_no_range() -> None:

@@ -22,11 +22,12 @@ class SegmentedSAC(Segmented, SAC):  # type: ignore[misc]
 
     def __init__(self, config: SACConfig, env: NativeVecEnv, layout: Layout, device: str = "cpu") -> None:
         self.config = config
+        learned = f"auto_{config.initial_entropy_weight!r}"
         super().__init__(
             "MlpPolicy",
             env,
             learning_rate=self.linear_rate,
-            ent_coef=config.entropy_weight,
+            ent_coef=learned if config.entropy_weight == "auto" else config.entropy_weight,
             target_entropy=config.target_entropy,
             **_shared(config, layout, device),
         )

@@ -123,7 +123,8 @@ def search(
         UnreachableTarget: if the goal is out of the arm's reach.
         ValueError: if a shape or a number does not fit.
     """
-    limits = limits or replace(arm.limits, acceleration=tuple(0.5 * a for a in arm.limits.acceleration))
+    halved = replace(arm.limits, acceleration=tuple(0.5 * a for a in arm.limits.acceleration))
+    limits = (limits or halved).for_joints(arm.n_joints, arm.name)
     start, centers, sizes, place = (np.asarray(value, dtype=float) for value in (q, path, radii, goal))
     _check(arm, limits, start, place, centers, sizes, step, time_steps, horizon)
     last = round(horizon / step)
