@@ -4,6 +4,8 @@ The hand is described relative to the target, along the target's path and across
 acceleration are feed-forward. Across the path the field is linear. Along it the field is `planners.apf.attraction`
 within the accelerations ``s`` that the joints allow: joint accelerations and torques are affine in ``s``, so that each
 of their limits is an interval of ``s``.
+
+A third link keeps its orientation: the end of the second one follows the target at the distance of the third.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ _Pair = tuple[float, float]
 
 
 class _ArmModel(NamedTuple):
-    """The arm for compiled code; ``torque`` to ``jerk`` are limits, ``(2,)``."""
+    """The arm for compiled code; ``torque`` to ``jerk`` are limits, ``(n,)``."""
 
     coupling: Array
     weight: Array
@@ -64,8 +66,8 @@ class _Target(NamedTuple):
 class _Response(NamedTuple):
     """Joint accelerations ``still + slope s``, and the torques ``bias + mass (still + slope s)`` that they need."""
 
-    still: _Pair
-    slope: _Pair
+    still: Array
+    slope: Array
     mass: Array
     bias: Array
 
@@ -83,9 +85,9 @@ def approach(
     """Joint accelerations of the field.
 
     Args:
-        arm: with two links.
-        q, qd: joint angles and velocities, ``(batch, 2)``.
-        qdd: mean joint accelerations of the last control period, ``(batch, 2)``, for the jerk: commanded ones, since
+        arm: with two or three links.
+        q, qd: joint angles and velocities, ``(batch, n)``.
+        qdd: mean joint accelerations of the last control period, ``(batch, n)``, for the jerk: commanded ones, since
             with an unknown payload the measured ones are too small for the field to build up its force.
         target: position, velocity and acceleration of the target, each ``(batch, 2)``, m, m/s, m/s^2.
         period: control period, s.
@@ -93,14 +95,14 @@ def approach(
         limits: of the joints, except for their ranges; the arm's own by default.
 
     Returns:
-        Mean joint accelerations over the next period, ``(batch, 2)``, rad/s^2, within `smooth_bounds` (velocity,
+        Mean joint accelerations over the next period, ``(batch, n)``, rad/s^2, within `smooth_bounds` (velocity,
         acceleration and jerk), and within the torque limits as far as these allow.
 
     Raises:
-        ValueError: if the arm does not have two links, or period or bandwidth are not positive.
+        ValueError: if the arm does not have two or three links, or period or bandwidth are not positive.
     """
-    if arm.n_joints != 2:
-        raise ValueError(f"{arm.name} has {arm.n_joints} links; the field of the hand is for arms with two")
+    if arm.n_joints not in (2, 3):
+        raise ValueError(f"{arm.name} has {arm.n_joints} links; the field of the hand is for arms with two or three")
     bandwidth = BANDWIDTH / period if bandwidth is None and period > 0.0 else bandwidth
     if not (period > 0.0 and bandwidth is not None and bandwidth > 0.0):
         raise ValueError(f"period {period} s and bandwidth {bandwidth} rad/s must be positive")
@@ -119,15 +121,20 @@ def approach(
 def _approach(
     model: _ArmModel, q: Array, qd: Array, qdd: Array, targets: _Target, period: float, bandwidth: float, out: Array
 ) -> None:
-    lower, upper = np.empty(2), np.empty(2)
+    n = q.shape[1]
+    lower, upper = np.empty(n), np.empty(n)
     for row in range(q.shape[0]):
         # bounds of the joint accelerations
-        for i in range(2):
+        for i in range(n):
             lower[i], upper[i] = smooth_bounds(
                 qd[row, i], qdd[row, i], period, model.velocity[i], model.acceleration[i], model.jerk[i]
             )
         # across the path: the linear field
-        target = _Target(targets.position[row], targets.velocity[row], targets.acceleration[row])
+        target = _Target(targets.position[row].copy(), targets.velocity[row], targets.acceleration[row])
+        if n == 3:  # for the end of the second link
+            orientation = q[row, 0] + q[row, 1] + q[row, 2]
+            target.position[0] -= model.lengths[2] * math.cos(orientation)
+            target.position[1] -= model.lengths[2] * math.sin(orientation)
         along = _direction(target)
         x, v, y, vy = _relative_to_target(model, q[row], qd[row], target, along)
         vy += period * linear_field(y, vy, period, bandwidth)
@@ -138,7 +145,7 @@ def _approach(
             lowest = highest = 0.5 * (lowest + highest)
         braking, jerk = _braking(model, now, _response_at_meeting(model, q[row], target, along, x, v))
         s = attraction(x, v, (lowest, highest), braking, jerk, period, bandwidth)
-        for i in range(2):
+        for i in range(n):
             out[row, i] = min(upper[i], max(lower[i], now.still[i] + now.slope[i] * s))
         _fit_torque(now, model.torque, lower, upper, out[row])
 
@@ -156,9 +163,9 @@ def _direction(target: _Target) -> _Pair:
 def _relative_to_target(
     model: _ArmModel, q: Array, qd: Array, target: _Target, along: _Pair
 ) -> tuple[float, float, float, float]:
-    """The hand relative to the target: position and velocity along its path, then both across it."""
+    """The end of the second link relative to the target: position and velocity along its path, then across it."""
     hand, velocity = np.empty(2), np.empty(2)
-    hand_state_single(model.lengths, np.zeros(2), q, qd, hand, velocity)
+    hand_state_single(model.lengths[:2], np.zeros(2), q[:2], qd[:2], hand, velocity)
     x, y = hand[0] - target.position[0], hand[1] - target.position[1]
     vx, vy = velocity[0] - target.velocity[0], velocity[1] - target.velocity[1]
     ux, uy = along
@@ -175,8 +182,9 @@ def _response_now(
     half a period ahead.
     """
     ux, uy = along
-    half, end = np.empty(2), np.empty(2)
-    for i in range(2):
+    n = q.shape[0]
+    half, end = np.empty(n), np.empty(n)
+    for i in range(n):
         half[i] = q[i] + 0.5 * period * qd[i]
         end[i] = q[i] + period * (qd[i] + 0.5 * period * qdd[i])
     links = _links(model.lengths, end[0], end[1])
@@ -185,8 +193,12 @@ def _response_now(
         target.velocity[0] + period * target.acceleration[0] + ux * v - uy * vy,
         target.velocity[1] + period * target.acceleration[1] + uy * v + ux * vy,
     )
-    still = (w1 - qd[0]) / period, (w2 - qd[1]) / period
-    return _response(model, half, qd + 0.5 * period * qdd, still, _joint_velocities(links, ux, uy))
+    w3 = -w1 - w2
+    still = np.empty(n)
+    still[0], still[1] = (w1 - qd[0]) / period, (w2 - qd[1]) / period
+    if n == 3:
+        still[2] = (w3 - qd[2]) / period
+    return _response(model, half, qd + 0.5 * period * qdd, still, _turning(n, _joint_velocities(links, ux, uy)))
 
 
 @njit(cache=True, nogil=True)
@@ -209,15 +221,30 @@ def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pa
         target.acceleration[0] + links[0] * w1**2 + links[2] * (w1 + w2) ** 2,
         target.acceleration[1] + links[1] * w1**2 + links[3] * (w1 + w2) ** 2,
     )
-    slope = _joint_velocities(links, along[0], along[1])
-    return _response(model, np.array([q1, q2]), np.array([w1, w2]), still, slope)
+    n = q.shape[0]
+    slope = _turning(n, _joint_velocities(links, along[0], along[1]))
+    posture = _turning(n, (q1, q2))
+    if n == 3:
+        posture[2] += q[0] + q[1] + q[2]
+    return _response(model, posture, _turning(n, (w1, w2)), _turning(n, still), slope)
 
 
 @njit(cache=True, nogil=True)
-def _response(model: _ArmModel, q: Array, qd: Array, still: _Pair, slope: _Pair) -> _Response:
-    mass, bias = np.empty((2, 2)), np.empty(2)
+def _turning(n: int, first_two: _Pair) -> Array:
+    """Values of ``n`` joints, of which a third one keeps the orientation of its link."""
+    values = np.empty(n)
+    values[0], values[1] = first_two
+    if n == 3:
+        values[2] = -first_two[0] - first_two[1]
+    return values
+
+
+@njit(cache=True, nogil=True)
+def _response(model: _ArmModel, q: Array, qd: Array, still: Array, slope: Array) -> _Response:
+    n = q.shape[0]
+    mass, bias = np.empty((n, n)), np.empty(n)
     mass_matrix_single(model.coupling, q, mass)
-    inverse_dynamics_single(model.coupling, model.weight, q, qd, np.zeros(2), bias)
+    inverse_dynamics_single(model.coupling, model.weight, q, qd, np.zeros(n), bias)
     return _Response(still, slope, mass, bias)
 
 
@@ -228,7 +255,7 @@ def _braking(model: _ArmModel, now: _Response, later: _Response) -> tuple[_Pair,
     for response in (now, later):
         low, high = _interval(response, -model.acceleration, model.acceleration, model.torque)
         lowest, highest = max(lowest, low), min(highest, high)
-        for i in range(2):
+        for i in range(response.slope.shape[0]):
             if response.slope[i] != 0.0:
                 jerk = min(jerk, model.jerk[i] / abs(response.slope[i]))
     return (min(-_WEAKEST, RESERVE * lowest), max(_WEAKEST, RESERVE * highest)), RESERVE * jerk
@@ -238,10 +265,12 @@ def _braking(model: _ArmModel, now: _Response, later: _Response) -> tuple[_Pair,
 def _interval(response: _Response, lower: Array, upper: Array, torque: Array) -> _Pair:
     """The interval of s within bounds of joint accelerations and torques; empty if its ends are in reverse."""
     lowest, highest = -math.inf, math.inf
-    for i in range(2):
-        row = response.mass[i]
-        force = response.bias[i] + row[0] * response.still[0] + row[1] * response.still[1]
-        slope = row[0] * response.slope[0] + row[1] * response.slope[1]
+    n = response.bias.shape[0]
+    for i in range(n):
+        force, slope = response.bias[i], 0.0
+        for j in range(n):
+            force += response.mass[i, j] * response.still[j]
+            slope += response.mass[i, j] * response.slope[j]
         lowest, highest = _narrowed(lowest, highest, response.still[i], response.slope[i], lower[i], upper[i])
         lowest, highest = _narrowed(lowest, highest, force, slope, -torque[i], torque[i])
     return lowest, highest
@@ -259,10 +288,13 @@ def _narrowed(lowest: float, highest: float, offset: float, slope: float, low: f
 @njit(cache=True, nogil=True)
 def _fit_torque(response: _Response, torque: Array, lower: Array, upper: Array, qdd: Array) -> None:
     """Move accelerations towards the torque limits, and back into their bounds, by projections in turn."""
-    tau = np.empty(2)
+    n = qdd.shape[0]
+    tau = np.empty(n)
     for _ in range(_PROJECTIONS):
-        for i in range(2):
-            tau[i] = response.bias[i] + response.mass[i, 0] * qdd[0] + response.mass[i, 1] * qdd[1]
+        for i in range(n):
+            tau[i] = response.bias[i]
+            for j in range(n):
+                tau[i] += response.mass[i, j] * qdd[j]
         worst, excess = worst_excess(tau, torque)
         if excess == 0.0:
             return
