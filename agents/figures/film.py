@@ -12,11 +12,13 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from envs.rendering import palette
 from envs.settings import refuse_unknown
 from planners.files import whole_file
 
 Frame = NDArray[np.uint8]
 
+_GIF_COLORS = 128
 _NEEDS = {".gif": ("PIL", "viz"), ".png": ("PIL", "viz"), ".mp4": ("imageio_ffmpeg", "video")}
 """Module and extra that each file format needs."""
 
@@ -68,8 +70,12 @@ class Film:
         sheet = Image.new("RGB", (width, height * len(shown)))
         for row, frame in enumerate(shown):
             sheet.paste(frame, (0, row * height))
-        palette = sheet.quantize(128)
-        frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames]
+        # The drawing's own colours come first: a small part of the picture, such as a lamp, keeps its colour.
+        own = [color for color in vars(palette).values() if isinstance(color, tuple)]
+        others = sheet.quantize(_GIF_COLORS - len(own)).getpalette() or []
+        colors = Image.new("P", (1, 1))
+        colors.putpalette([channel for color in own for channel in color] + others[: 3 * (_GIF_COLORS - len(own))])
+        frames = [frame.quantize(palette=colors, dither=Image.Dither.NONE) for frame in self._frames]
         durations = [1000 // self._fps] * (len(frames) - 1) + [2000]
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False)
 

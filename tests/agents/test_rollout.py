@@ -16,6 +16,7 @@ import agents
 from agents.commands.rollout import RolloutOptions, run
 from agents.figures.episode_record import play
 from agents.figures.film import Film
+from envs.rendering import palette
 
 ENV_ID = "ConveyorTrack-v0"
 
@@ -147,3 +148,20 @@ def test_a_scenario_is_an_option_of_the_reset(env_id: str, scenario: str, capsys
         run(RolloutOptions(env=env_id, scenario=scenario, options=("scenario=random",)))
     with pytest.raises(ValueError, match="scenario"):
         run(RolloutOptions(env=env_id, scenario="no such start"))
+
+
+def test_a_gif_keeps_the_drawings_own_colours(tmp_path: Path) -> None:
+    path = tmp_path / "lamp.gif"
+    film = Film(fps=10, width=64)
+    shades = np.linspace(0, 255, 64 * 64, dtype=np.uint8).reshape(64, 64)
+    picture = np.stack([shades, shades.T, shades[::-1]], axis=2)
+    own = {name: color for name, color in vars(palette).items() if isinstance(color, tuple)}
+    for column, color in enumerate(own.values()):
+        picture[10, column] = color  # one pixel each, among thousands of other colours
+    film.take(0.0, lambda: picture)
+    film.take(0.1, lambda: picture, last=True)
+    film.write(path)
+    with Image.open(path) as written:
+        shown = np.asarray(written.convert("RGB"))
+    for column, (name, color) in enumerate(own.items()):
+        np.testing.assert_allclose(shown[10, column].astype(int), color, atol=8, err_msg=name)  # Pillow's own precision

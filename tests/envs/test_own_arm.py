@@ -87,7 +87,7 @@ def test_the_page_works_from_a_folder_of_ones_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("expert", "arm"),
     [("dpct", INDUSTRIAL), ("lagrange", INDUSTRIAL), ("apf", INDUSTRIAL), ("dpct", THREE), ("follower", THREE)]
-    + [("apf", one) for one in (ONE_SIDED, TINY, SLOW)],
+    + [("apf", one) for one in (THREE, ONE_SIDED, TINY, SLOW)],
     ids=lambda value: getattr(value, "name", value),
 )
 def test_experts_settle_on_the_belts_of_other_arms(expert: str, arm: Arm) -> None:

@@ -226,6 +226,23 @@ def test_environments_do_not_touch_each_other_and_the_base_is_respected() -> Non
     np.testing.assert_allclose(elsewhere, batch, atol=1e-9)
 
 
+def test_a_third_link_keeps_its_orientation_on_the_way_to_a_moving_target() -> None:
+    limits = JointLimits(torque=(40, 20, 8), velocity=4.0, acceleration=20.0, jerk=400.0)
+    arm = Arm("three", (0.3, 0.25, 0.12), (3.0, 2.0, 1.0), limits)
+    q, qd = arm.inverse_kinematics([-0.1, 0.5], 1.5)[:1], np.zeros((1, 3))
+    position, velocity, qdd = np.array([[-0.2, 0.52]]), np.array([[0.1, 0.0]]), np.zeros((1, 3))
+    for _ in range(100):
+        before, qdd = qdd, approach(arm, q, qd, qdd, (position, velocity, np.zeros((1, 2))), PERIOD)
+        tau = arm.inverse_dynamics(q, qd, qdd)
+        assert (np.abs(qdd) <= 20.0 + 1e-9).all()
+        assert (np.abs(qdd - before) <= 400.0 * PERIOD + 1e-9).all()
+        assert (np.abs(tau) <= [[40, 20, 8]]).all()
+        q, qd = q + PERIOD * (qd + 0.5 * PERIOD * qdd), qd + PERIOD * qdd
+        position = position + PERIOD * velocity
+        assert q.sum() == pytest.approx(1.5, abs=1e-3)
+    np.testing.assert_allclose(arm.forward_kinematics(q), position, atol=1e-4)
+
+
 def test_what_the_hands_field_cannot_do_is_refused() -> None:
     zero4, zero = np.zeros((1, 4)), np.zeros((1, 2))
     with pytest.raises(ValueError, match="4 links; the field of the hand is for arms with two or three"):
