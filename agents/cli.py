@@ -42,12 +42,13 @@ COMMANDS = {
 OUTPUTS = ("json", "plot", "record", "csv")  # options that name a file to write
 
 DESCRIPTION = """\
-Simulated planar robot arms, with classical planners and PPO agents for the same tasks.
+Simulated planar robot arms, with classical planners and trained agents for the same tasks.
 
   planarm benchmark                                         the leaderboard
   planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
   planarm list                                              what there is, by name
   planarm paths ObstacleDodge-v0 --plot paths.png           draw the paths of three experts
+  planarm benchmark --policies my_module:make_policy dpct   your own policy beside a planner
   planarm COMMAND --help                                    the options of a command
   planarm --version                                         the version"""
 

@@ -19,7 +19,13 @@ Columns = Mapping[str, str | Callable[[Record], str]]
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """Regenerate a paper's results; in a file or a pipe the tables are Markdown."""
+    """Regenerate a paper's results; in a file or a pipe the tables are Markdown.
+
+    For example:
+
+        $ planarm paper-dpct
+        $ planarm paper-lagrange --json results.json --plot figures.pdf
+    """
 
     json: Path | None = None
     """Write the results to this file as JSON."""

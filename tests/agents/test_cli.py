@@ -41,7 +41,9 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
     with pytest.raises(SystemExit) as end:
         main([command, "--help"])
     assert end.value.code == 0
-    assert f"planarm {command}" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"usage: planarm {command}" in out
+    assert "$ planarm " in out  # at least one example
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

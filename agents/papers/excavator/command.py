@@ -28,7 +28,12 @@ Cell = Callable[[Record], str]
 
 @dataclass(frozen=True)
 class PaperExcavatorOptions(ReportOptions):
-    """Regenerate the excavator paper's results, its figures 4 to 8 among them, with payloads of your own."""
+    """Regenerate the excavator paper's results, its figures 4 to 8 among them, with payloads of your own.
+
+    For example:
+
+        $ planarm paper-excavator --payloads 0 5 10 --plot figures.png
+    """
 
     payloads: tuple[float, ...] = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
     """Payloads, % of the rated load."""
