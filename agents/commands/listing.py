@@ -20,6 +20,7 @@ from agents.yaml_config import shipped_configs
 from envs.experts import expert_names
 from envs.settings import Settings
 from planners import arm_names, load_arm
+from planners.capabilities import capability_rows
 from planners.files import write_json
 
 Document = dict[str, Any]
@@ -63,6 +64,7 @@ def names(env_ids: list[str] | None = None) -> Document:
     """All names, with what is known of each; of some environments only, if any are given."""
     return {
         "environments": {env_id: _environment(env_id) for env_id in env_ids or envs.env_ids()},
+        "planners": _planners(),
         "recipes": [name for name in shipped_configs() if "/" in name and not name.startswith("arms/")],
         "agents": shipped_agents(),
         "arms": {name: _arm(name) for name in arm_names()},
@@ -107,6 +109,16 @@ def _default(field: FieldInfo) -> Any:
     return value.model_dump(mode="json") if isinstance(value, Settings) else value
 
 
+def _planners() -> dict[str, list[str]]:
+    """Variants of each planner, the default first."""
+    variants: dict[str, list[str]] = {}
+    for planner, variant, *_ in capability_rows():
+        own = variants.setdefault(planner, [])
+        if variant not in own:
+            own.append(variant)
+    return variants
+
+
 def _arm(name: str) -> Document:
     arm = load_arm(name)
     return {"links": arm.n_joints, "lengths_m": list(arm.lengths), "reach_m": arm.reach}
@@ -126,6 +138,9 @@ def _show_names(document: Document) -> None:
     Table(
         "Environments", ("id", "experts", "their control modes", "links of an arm", "recipe"), rows, text_columns=5
     ).show()
+    variants = [(name, ", ".join(names)) for name, names in document["planners"].items()]
+    title = "Planners (planarm plan; --list says what each takes)"
+    Table(title, ("name", "variants"), variants, text_columns=2).show()
     say(f"Recipes (planarm train): {', '.join(document['recipes'])}\n")
     say(f"Agents that come with planarm (policy agent): {', '.join(document['agents'])}\n")
     arms = [(name, str(arm["links"]), f"{arm['reach_m']:.3f}") for name, arm in document["arms"].items()]

@@ -72,8 +72,8 @@ def _with_statistics(model: Any, path: Path) -> Policy:
     names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS)
     found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
     if found is None:
-        # Stable-Baselines3 keeps the last observation before normalisation where there is one.
-        if model._last_original_obs is not None:
+        # PPO and A2C keep the last observation before normalisation where there is one; SAC and TD3 keep one always.
+        if model._last_original_obs is not None and not hasattr(model, "replay_buffer"):
             raise ValueError(
                 f"{path} was trained behind a VecNormalize, whose statistics are not beside it: save them there with "
                 f"model.get_vec_normalize_env().save({str(path.with_name(STATISTICS[0]))!r})"

@@ -26,7 +26,8 @@ def test_every_name_is_there(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     for env_id in envs.env_ids():
         assert document["environments"][env_id]["experts"] == expert_names(env_id)
         assert env_id in out
-    for name in (*planners.arm_names(), "follower", "computed_torque", "ppo/ObstacleDodge-v0"):
+    assert "optimal" in document["planners"]["dpct"]
+    for name in (*planners.arm_names(), *document["planners"], "follower", "computed_torque", "ppo/ObstacleDodge-v0"):
         assert name in out
     assert max(map(len, out.splitlines())) < 200
 

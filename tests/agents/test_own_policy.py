@@ -19,6 +19,7 @@ import envs
 from agents.cli import main
 from agents.policies.files import describe_layout, layout_of
 from agents.policies.policy import as_policy
+from planners.capabilities import VARIANTS
 
 ENV = "ConveyorTrack-v0"
 MODULE = """
@@ -206,6 +207,33 @@ def test_behind_a_wrapper_that_transforms_what_they_read_or_give_experts_and_age
         with pytest.raises(ValueError, match=f"an agent .*{complaint}"):
             as_policy(agents.load_agent(ENV), env)
     envs.make_expert("dpct", gym.wrappers.RecordEpisodeStatistics(single))
+
+
+PLANNER = """
+import planners
+
+
+def plan(problem):
+    return planners.dpct.plan(problem)
+
+
+planners.register("borrowed", plan)
+"""
+
+
+def test_a_planner_that_the_module_registers_is_a_policy(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "my_planners.py").write_text(PLANNER)
+    try:
+        few = ["--tasks", ENV, "--episodes", "3", "--bound-episodes", "0"]
+        assert main(["benchmark", "--policies", "my_planners:borrowed", "follower", *few]) == 0
+        assert "borrowed - follower" in capsys.readouterr().out
+        board = agents.compare(["my_planners:borrowed", "borrowed+adaptive"], ENV, range(3))
+        assert [each.policy for each in board.evaluations] == ["borrowed", "borrowed+adaptive"]
+        assert board.evaluations[0].success.all()
+        assert main(["rollout", "MinTorqueMove-v0", "--policy", "my_planners:borrowed"]) == 0
+    finally:
+        sys.modules.pop("my_planners", None)
+        VARIANTS.pop(("borrowed", ""), None)
 
 
 def test_the_page_is_followed(tmp_path: Path) -> None:
