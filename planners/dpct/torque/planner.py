@@ -234,7 +234,7 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
     problem = way.problem
     t, r, rate, acceleration = _sample(way, profile)
     if math.isclose(t[-1], problem.horizon, rel_tol=ON_TIME):
-        t *= problem.horizon / t[-1]
+        t = np.minimum(t * (problem.horizon / t[-1]), problem.horizon)
         t[-1] = problem.horizon
     q, slope, curvature = way.joints(r)
     if isinstance(problem.target, FixedJoints):
