@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from planners import (
     Arm,
@@ -178,7 +179,7 @@ def _broken_ends(problem: MotionProblem, motion: Trajectory, precision: float, t
     return found
 
 
-def _grid(motion: Trajectory) -> tuple[Array, Array]:
+def _grid(motion: Trajectory) -> tuple[Array, NDArray[np.bool_]]:
     """Dense times, with those just before and at each jump; and which of their intervals contain a jump."""
     jumps = motion.t[1:][np.diff(motion.t) == 0.0]
     before = np.nextafter(jumps, 0.0)
@@ -196,7 +197,8 @@ def _start_load(problem: MotionProblem, kind: LimitKind) -> float:
 
 def _hand(arm: Arm, q: Array) -> Array:
     phi = np.cumsum(q, axis=1)
-    return arm.base_array + np.stack([np.cos(phi) @ arm.length_array, np.sin(phi) @ arm.length_array], axis=-1)
+    hand: Array = arm.base_array + np.stack([np.cos(phi) @ arm.length_array, np.sin(phi) @ arm.length_array], axis=-1)
+    return hand
 
 
 def _gaps(arm: Arm, q: Array, disc: Obstacle, t: Array) -> Array:
@@ -206,7 +208,8 @@ def _gaps(arm: Arm, q: Array, disc: Obstacle, t: Array) -> Array:
     begins = arm.base_array + np.cumsum(steps, axis=1) - steps
     away = (disc.position + t[:, None] * disc.velocity)[:, None] - begins
     share = np.clip(np.sum(away * steps, axis=-1) / np.sum(steps * steps, axis=-1), 0.0, 1.0)
-    return np.linalg.norm(away - share[..., None] * steps, axis=-1) - disc.radius - arm.link_radius
+    gaps: Array = np.linalg.norm(away - share[..., None] * steps, axis=-1) - disc.radius - arm.link_radius
+    return gaps
 
 
 def _torques(problem: MotionProblem, q: Array, qd: Array, qdd: Array) -> Array:
@@ -304,7 +307,7 @@ def _arm(generator: np.random.Generator, n: int, takes: capabilities.Takes) -> A
         middle, half = generator.uniform(-1.0, 1.0, n), generator.uniform(0.7, 3.0, n)
         given["angle"] = list(zip(middle - half, middle + half, strict=True))
     radius = float(generator.uniform(0.0, 0.05))
-    limits = JointLimits(**given) if given else JointLimits()  # type: ignore[arg-type]
+    limits = JointLimits(**given) if given else JointLimits()
     return Arm("fuzz", lengths, masses, limits=limits, gravity=gravity, link_radius=radius)
 
 
