@@ -61,7 +61,7 @@ def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, pr
     if not trajectory.clearance >= 0.0:
         raise Infeasible(
             "collision",
-            f"the motion of {name} touches an obstacle, {1e3 * trajectory.clearance:.4g} mm deep at "
+            f"the motion of {name} touches an obstacle, {-1e3 * trajectory.clearance:.4g} mm deep at "
             f"{trajectory.measured.clearance_time:.4g} s ({advice})",
             clearance=trajectory.clearance,
             time=trajectory.measured.clearance_time,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -39,11 +40,15 @@ def pass_via_nodes(problem: MotionProblem) -> Trajectory:
 
 
 def _with_full_limits(problem: MotionProblem) -> MotionProblem:
-    """Evading takes more than half of the acceleration, which is what the problem allows for an undisturbed move."""
+    """Evading takes more than half of the acceleration, which is what the problem allows for an undisturbed move.
+
+    Plans follow each other every tenth of a second and their accelerations do not join, so that none keeps jerk limits.
+    """
     limits = problem.arm.limits
     acceleration = tuple(ACCELERATION_SHARE * value for value in limits.acceleration)
     velocity = tuple(VELOCITY_SHARE * value for value in limits.velocity)
-    return replace(problem, limits=replace(limits, acceleration=acceleration, velocity=velocity))
+    jerk = (math.inf,) * problem.arm.n_joints
+    return replace(problem, limits=replace(limits, acceleration=acceleration, velocity=velocity, jerk=jerk))
 
 
 def in_units(gains: DodgeGains, scale: Scale) -> DodgeGains:

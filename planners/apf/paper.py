@@ -5,8 +5,8 @@ T. H. Kim, M. S. Park, S. Y. Song, S. K. Hong, "Collision-Free Trajectory Planni
 gives the velocity of the hand and by the inverse Jacobian that of the joints (:mod:`planners.apf.hand_field`), every
 0.1 ms. Equations 13 to 15 are the inverse kinematics: see :func:`posture`.
 
-As in the paper, the limits of the arm are not kept, the motion starts at the velocity of the field, and only the hand
-avoids the discs.
+As in the paper, the limits of the arm are not kept (``limit_ratio`` of the motion tells by how much), the motion starts
+at the velocity of the field, and only the hand avoids the discs; a motion in which a link touches one is refused.
 """
 
 from __future__ import annotations
@@ -68,7 +68,10 @@ class FieldMotion:
     outcome: Outcome
 
 
-@variant("apf", "paper", {"joints": Takes(links=(2,)), "hand": Takes(links=(2,), obstacles="avoided")}, promises=False)
+_TWO_LINKS = Takes(links=(2,), obstacles="avoided")
+
+
+@variant("apf", "paper", {"joints": _TWO_LINKS, "hand": _TWO_LINKS}, promises=False)
 def plan_paper(
     problem: MotionProblem,
     *,
@@ -89,7 +92,8 @@ def plan_paper(
         tolerance: distance from the goal that counts as reached, m; the hand still moves at xi times that.
 
     Returns:
-        The motion until the goal is reached. ``limit_ratios`` may be above 1. ``cost`` is the duration, s.
+        The motion until the goal is reached. ``limit_ratios`` may be above 1: the paper has no limits. ``cost`` is the
+        duration, s.
 
     Raises:
         Infeasible: reason ``collision``, ``local_minimum`` or ``late``, see :class:`FieldMotion` (details: ``time``, s;
@@ -102,7 +106,7 @@ def plan_paper(
     motion = follow_field(problem, field, period=period, tolerance=tolerance)
     if motion.outcome != "reached":
         raise _failure(problem, motion)
-    name = f"APF paper, {'Khatib' if square else 'printed'}, {distance if isinstance(distance, str) else 'own'}"
+    name = f"apf (paper), {'Khatib' if square else 'printed'}, {distance if isinstance(distance, str) else 'own'}"
     qdd, end = np.gradient(motion.qd, motion.t, axis=0), float(motion.t[-1])
     return sampled_trajectory(problem, motion.t, motion.q, motion.qd, qdd, planner=name, cost=end, rendezvous_time=end)
 

@@ -10,7 +10,9 @@ kinematics and inverse dynamics, and planned again within tighter limits where t
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -18,10 +20,11 @@ from planners.capabilities import Takes, variant
 from planners.checks import require_choice
 from planners.dpct.constraints import Tracking
 from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, sample_manoeuvre, tracking_problem
+from planners.goals import goal_postures
 from planners.motion.line import Branch, Line, reduce_to_line
 from planners.motion.line_motion import KINDS, joint_motion, limit_table, sample_ride, to_trajectory
 from planners.motion.rides import Window, ride_load, ride_windows
-from planners.problem import FixedJoints, Infeasible, MotionProblem, limit_broken
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, limit_broken
 from planners.trajectory import Trajectory
 from planners.typing import Array
 
@@ -50,7 +53,7 @@ MET = np.array([1e-6, 1e-6, 1e-3])
 Elbow = Literal["start", "best", "+", "-"]
 
 
-@variant("dpct", "optimal", {"joints": Takes(), "hand": Takes(links=(2, 3)), "moving hand": Takes(links=(2, 3))})
+@variant("dpct", "optimal", {"joints": Takes(), "hand": Takes(), "moving hand": Takes(links=(2, 3))})
 def plan_optimal(
     problem: MotionProblem,
     *,
@@ -63,7 +66,8 @@ def plan_optimal(
 ) -> Trajectory:
     """Meet a moving target exactly and ride with it, or come to rest at a fixed one.
 
-    The hand keeps to the target's line (a fixed target in joint angles: to the straight joint path). After the
+    The hand keeps to the target's line. To a fixed target in joint angles the joints keep to their straight path; so
+    they do to a fixed hand where the hand's own straight path fails, or with other than two or three links. After the
     rendezvous it moves exactly with the target until the horizon, or until riding on would break a limit
     (``rides_until``). Small deviations of the start, such as an observation's rounding, are left to the tracking
     control: up to 1e-4 m and m/s across the line, and up to 1e-6 m and m/s along it where the hand already rides.
@@ -94,6 +98,9 @@ def plan_optimal(
         raise ValueError(f"time_weight {time_weight} must not be negative")
     if stages < 10:
         raise ValueError(f"stages {stages} must be at least 10")
+    options = rendezvous_time, time_weight, free_initial_acceleration, allow_reverse, stages
+    if isinstance(problem.target, FixedHand) and problem.arm.n_joints not in (2, 3):
+        return _to_postures(problem, elbow, options)
     aim = Aim(rendezvous_time, time_weight)
     branches: dict[Elbow, tuple[Branch, ...]] = {"start": ("start",), "best": ("+", "-"), "+": ("+",), "-": ("-",)}
     plans, failures = [], []
@@ -103,10 +110,30 @@ def plan_optimal(
             plans.append(_plan_on(line, aim, free_initial_acceleration, allow_reverse, stages))
         except Infeasible as failure:
             failures.append(failure)
+    if not plans and isinstance(problem.target, FixedHand) and elbow in ("start", "best"):
+        with suppress(Infeasible):  # the straight path of the hand has failed; that of the joints may not
+            return _to_postures(problem, elbow, options)
     if not plans:
         raise failures[0]
     weight = math.inf if time_weight is None else time_weight
     return min(plans, key=lambda plan: _merit(plan, weight))
+
+
+def _to_postures(problem: MotionProblem, elbow: Elbow, options: tuple[Any, ...]) -> Trajectory:
+    """The best of the straight joint paths to the postures of a hand target."""
+    names = "rendezvous_time", "time_weight", "free_initial_acceleration", "allow_reverse", "stages"
+    assert isinstance(problem.target, FixedHand)
+    plans, failures = [], []
+    for goal in goal_postures(problem, problem.target, elbow):
+        try:
+            to_joints = replace(problem, target=FixedJoints(goal))
+            plans.append(plan_optimal(to_joints, **dict(zip(names, options, strict=True))))
+        except Infeasible as failure:
+            failures.append(failure)
+    if not plans:
+        raise failures[0]
+    weight = math.inf if options[1] is None else options[1]
+    return replace(min(plans, key=lambda plan: _merit(plan, weight)), problem=problem)
 
 
 def _merit(plan: Trajectory, time_weight: float) -> tuple[float, float]:

@@ -26,8 +26,8 @@ times are within interpolation error."""
 SECOND = 1e-2
 """Weight of the tracking index against the rendezvous time where the time comes first."""
 
-DENSE_STEP = 0.002
-"""Largest sampling step before the rendezvous, s."""
+DENSE_STEP, MOST_PARTS = 0.002, 400
+"""Sampling step before the rendezvous, s, unless a stage has more than so many."""
 
 BOLD, CAREFUL = 0.3, 0.1
 """Largest change of T in one step of the first and of the second attempt, as a fraction of it."""
@@ -156,7 +156,7 @@ def _bisect(tracking: Tracking, low: float, high: float) -> Solution | None:
 def sample_manoeuvre(line: Line, tracking: Tracking, solution: Solution) -> Motion:
     """Dense samples of a solution's stages of constant jerk: the motion up to the rendezvous."""
     durations = tracking.durations * solution.time
-    parts = np.maximum(np.ceil(durations / DENSE_STEP).astype(int), 2)
+    parts = np.clip(np.ceil(durations / DENSE_STEP), 2, MOST_PARTS).astype(int)
     stage = np.repeat(np.arange(len(durations)), parts + 1)
     part = np.arange(len(stage)) - (np.cumsum(parts + 1) - (parts + 1))[stage]
     s = durations[stage] * (part / parts[stage])

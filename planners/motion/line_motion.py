@@ -14,8 +14,8 @@ from planners.typing import Array
 
 KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "jerk")
 
-RIDE_STEP = 0.005
-"""Largest sampling step after the rendezvous, s."""
+RIDE_STEP, MOST_RIDE = 0.005, 4000
+"""Sampling step after the rendezvous, s, unless that is more than so many."""
 
 
 class Motion(NamedTuple):
@@ -67,7 +67,8 @@ def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Ar
 
 def sample_ride(line: Line, begin: float, end: float) -> Motion:
     """The motion with the target from ``begin`` to ``end`` (s, both included), cut where riding breaks a limit."""
-    t = np.linspace(begin, end, math.ceil((end - begin) / RIDE_STEP) + 1)
+    steps = min(math.ceil((end - begin) / RIDE_STEP), MOST_RIDE)
+    t = np.linspace(begin, end, steps + 1)
     motion = Motion(t, *joint_motion(line, *line.target_at(t), np.zeros_like(t)))
     excess = np.flatnonzero(motion.load(line).max(axis=(1, 2)) > 1.0)
     kept = int(excess[0]) if len(excess) else len(t)

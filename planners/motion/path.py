@@ -128,19 +128,21 @@ class HandLine:
     def derivatives(self, r: ArrayLike) -> Array:
         """``q, f', f'', f'''`` at ``r`` inside ``span``, exact, by implicit differentiation: see :class:`Path`.
 
-        Samples must be in order: the angles are continuous over them, with the whole turns of ``near`` at the one
-        closest to ``r = 0``.
+        The angles are continuous along the line, with the whole turns of ``near`` at ``r = 0``.
         """
-        samples = np.ascontiguousarray(r, dtype=float)
-        n = self.arm.n_joints
-        out = _hand_line(self.arm.length_array, self.wrist, self.direction, self.elbow, n, samples)
+        samples = np.append(np.asarray(r, dtype=float), 0.0)
+        n, wrist = self.arm.n_joints, self.wrist
+        out = _hand_line(self.arm.length_array, wrist, self.direction, self.elbow, n, samples)
         q = out[:, 0]
+        # the direction of the wrist, seen from the base, turns by less than half a turn along a straight line
+        x, y = (wrist + samples[:, None] * self.direction).T
+        turned = np.arctan2(wrist[0] * y - wrist[1] * x, wrist[0] * x + wrist[1] * y)
+        turns = np.round((math.atan2(wrist[1], wrist[0]) + turned - np.arctan2(y, x)) / (2.0 * np.pi))
+        q[:, 0] += 2.0 * np.pi * (turns + np.round((self.near[0] - q[-1, 0]) / (2.0 * np.pi)))
+        q[:, 1] += 2.0 * np.pi * np.round((self.near[1] - q[-1, 1]) / (2.0 * np.pi))
         if n == 3:
             q[:, 2] = float(np.sum(self.near)) - q[:, 0] - q[:, 1]
-        closest = int(np.argmin(np.abs(samples)))
-        q[:] = np.unwrap(q, axis=0)
-        q += 2.0 * np.pi * np.round((self.near - q[closest]) / (2.0 * np.pi))
-        return out
+        return out[:-1]
 
 
 @njit(cache=True, nogil=True)

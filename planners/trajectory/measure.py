@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +17,16 @@ from planners.trajectory.interpolate import between
 from planners.typing import Array
 
 PARTS = 4
-"""Parts of an interval between two samples at whose ends torque, jerk and clearance are evaluated, where they may be
-worse than anywhere before."""
+"""Parts of an interval between two samples at whose ends torque and jerk are evaluated."""
 
 JUMP = 1e-9
 """Difference of two accelerations at the same time, relative to the largest, that is rounding."""
 
 ROUNDING = 1e-13
 """Difference of two accelerations at different times, relative to the largest, that is rounding."""
+
+BLUR, DEPTH, SECTIONS = 2e-6, 24, 25
+"""Error of the least clearance, m, most halvings of an interval in search of it, and thirds cut off in the end."""
 
 TORQUE, VELOCITY, ACCELERATION, JERK, ANGLE = range(5)
 
@@ -176,36 +179,85 @@ def _jerk(h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: f
 def _clearance(
     t: Array, q: Array, qd: Array, qdd: Array, discs: Array, lengths: Array, base: Array, link_radius: float
 ) -> tuple[float, float]:
-    """Least clearance from a disc, and its time."""
-    samples, n = q.shape
-    least, when = np.inf, 0.0
-    point, distance = np.empty((3, n)), np.empty(PARTS + 1)
+    """Least clearance from a disc, and its time.
+
+    A gap changes by no more than the disc and the arm move. An interval is halved until this leaves no room for a gap
+    that is smaller than the least so far, but for `BLUR`; around the least of all a search finds the minimum.
+    """
+    n = q.shape[1]
+    outward = np.cumsum(lengths[::-1])[::-1]
+    least, when, row, width, closest = np.inf, 0.0, 0, 0.0, discs[0]
+    begins, gaps, parts = np.empty(DEPTH + 2), np.empty(DEPTH + 2), np.empty(DEPTH + 2)
+    point = np.empty((3, n))
     for disc in discs:
         last = clearance_single(lengths, base, link_radius, q[0], disc[0], disc[1], disc[4])
         if last < least:
-            least, when = last, 0.0
-        for i in range(samples - 1):
+            least, when, row, width, closest = last, 0.0, 0, 0.0, disc
+        for i in range(t.shape[0] - 1):
             h = t[i + 1] - t[i]
             if h <= 0.0:
                 continue
-            distance[0] = last
-            for step in (PARTS, PARTS // 2, 1, PARTS - 1):  # the quarters only where they may be the closest
-                if step == 1:
-                    change = max(abs(distance[PARTS // 2] - distance[0]), abs(distance[PARTS] - distance[PARTS // 2]))
-                    if min(distance[0], distance[PARTS // 2], distance[PARTS]) - change > least:
-                        break
-                _between_samples(step / PARTS, h, i, q, qd, qdd, point)
-                x, y = disc[0] + (t[i] + step / PARTS * h) * disc[2], disc[1] + (t[i] + step / PARTS * h) * disc[3]
-                distance[step] = clearance_single(lengths, base, link_radius, point[0], x, y, disc[4])
+            steepness = math.hypot(disc[2], disc[3])
+            for j in range(n):
+                steepness += outward[j] * max(abs(qd[i, j]), abs(qd[i + 1, j]))
+            # a stack of parts of the interval: where each begins, its share of the interval, and the gap at its end
+            before = last
+            last = _gap_at(1.0, h, i, t, q, qd, qdd, disc, lengths, base, link_radius, point)
+            begins[0], parts[0], gaps[0] = 0.0, 1.0, last
+            size = 1
+            while size > 0:
+                begin, part, after = begins[size - 1], parts[size - 1], gaps[size - 1]
+                if after < least:
+                    least, when, row, width, closest = after, t[i] + (begin + part) * h, i, part, disc
+                room = 0.5 * (before + after - steepness * part * h)
+                if size > DEPTH or room >= least - max(BLUR, 1e-3 * abs(least)):
+                    before = after
+                    size -= 1
+                    continue
+                half = 0.5 * part
+                gap = _gap_at(begin + half, h, i, t, q, qd, qdd, disc, lengths, base, link_radius, point)
+                begins[size - 1], parts[size - 1] = begin + half, half
+                begins[size], parts[size], gaps[size] = begin, half, gap
+                size += 1
+    for i in range(max(0, row - 1), min(row + 2, t.shape[0] - 1)):
+        h = t[i + 1] - t[i]
+        if h <= 0.0:
+            continue
+        reach = max(width, BLUR) * (t[row + 1] - t[row]) / h
+        low, high = min(1.0, max(0.0, (when - t[i]) / h - reach)), min(1.0, max(0.0, (when - t[i]) / h + reach))
+        for _ in range(SECTIONS):
+            a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
+            at_a = _gap_at(a, h, i, t, q, qd, qdd, closest, lengths, base, link_radius, point)
+            at_b = _gap_at(b, h, i, t, q, qd, qdd, closest, lengths, base, link_radius, point)
+            if at_a < at_b:
+                high = b
             else:
-                for k in range(1, PARTS + 1):
-                    gap = distance[k]
-                    if k < PARTS and gap <= min(distance[k - 1], distance[k + 1]):
-                        gap += _rise(distance[k - 1], gap, distance[k + 1])
-                    if gap < least:
-                        least, when = gap, t[i] + k / PARTS * h
-            last = distance[PARTS]
+                low = a
+            if min(at_a, at_b) < least:
+                least, when = min(at_a, at_b), t[i] + (a if at_a < at_b else b) * h
     return least, when
+
+
+@njit(cache=True, nogil=True)
+def _gap_at(
+    s: float,
+    h: float,
+    i: int,
+    t: Array,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    disc: Array,
+    lengths: Array,
+    base: Array,
+    link_radius: float,
+    point: Array,
+) -> float:
+    """Distance from a disc at a share ``s`` of interval ``i``; ``point`` is scratch, ``(3, n)``."""
+    _between_samples(s, h, i, q, qd, qdd, point)
+    time = t[i] + s * h
+    x, y = disc[0] + time * disc[2], disc[1] + time * disc[3]
+    return float(clearance_single(lengths, base, link_radius, point[0], x, y, disc[4]))
 
 
 @njit(cache=True, nogil=True)

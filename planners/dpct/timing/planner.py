@@ -35,6 +35,7 @@ from planners.typing import Array
 Contact = Literal["refuse", "delay"]
 
 MOST_PREDICTION = 3.0  # longest prediction horizon of the discs, s: the effort grows with its cube
+LONGEST_WAIT = 15.0  # that a plan is planned on from, s
 SAMPLING_STEP, MOST_SAMPLES = 0.01, 1000  # time between two samples, s, unless a piece then has more than so many
 ATTEMPTS, BACK_OFF = 10, 0.95  # attempts with tightened limits where a limit is exceeded, and an extra factor of each
 ROUNDING = 1e-9  # excess of a limit, as a fraction of it, within rounding
@@ -107,7 +108,7 @@ def _plan_clear(problem: MotionProblem, margin: float, prediction: float, goals:
             raise Infeasible("late", f"{message}; allow more time, or raise the limits", minimum_time=end)
         if plan.clearance >= 0.0:
             break
-        if math.isfinite(time) or begin + prediction > problem.horizon:
+        if math.isfinite(time) or begin + prediction > min(problem.horizon, LONGEST_WAIT):
             time = begin + min(time, plan.measured.clearance_time)
             message = f"every timing found touches a disc, the best one after {time:.3g} s"
             advice = "allow more time, raise the acceleration limits, or try variant 'via' of lagrange"

@@ -23,9 +23,10 @@ from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
 from planners.dpct.torque.profile_search import Corridor, Profile, least_torque, mix
 from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
+from planners.goals import goal_postures
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
-from planners.problem import FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
 from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -65,15 +66,15 @@ KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration")
     "torque",
     {
         "joints": Takes(keeps=SMOOTHLESS, arrives="on time"),
-        "hand": Takes(links=(2, 3), keeps=SMOOTHLESS, arrives="on time"),
+        "hand": Takes(keeps=SMOOTHLESS, arrives="on time"),
     },
 )
 def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages: int = STAGES) -> Trajectory:
     """Come to rest at a fixed target when the horizon is over, with the least torque on the straight path there.
 
-    Straight in joint angles for a target in joint angles (and for a hand whose orientation changes), else straight
-    for the hand. The arm never moves backwards on the path; where time is left over it may rest on it, or at either
-    end, where that takes least torque.
+    Straight in joint angles for a target in joint angles; for a hand, straight for the hand, or in joint angles where
+    its orientation changes, that path fails, or there are other than two or three links. The arm never moves backwards
+    on the path; where time is left over it may rest on it, or at either end, where that takes least torque.
 
     Limits of torque, velocity and acceleration, and joint ranges, are kept on a dense grid of samples. The path's
     acceleration is constant from stage to stage and jumps between, so no finite limit of jerk is kept (its ratio is
@@ -99,7 +100,20 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     require_choice("objective", objective, get_args(Objective))
     if stages < 10:
         raise ValueError(f"stages {stages} must be at least 10")
-    way = _way(problem, stages)
+    if isinstance(problem.target, FixedHand):
+        failure = None
+        if problem.arm.n_joints in (2, 3):
+            try:
+                return _along(_way(problem, stages), objective)
+            except Infeasible as refusal:
+                failure = refusal
+        return _to_postures(problem, objective, stages, failure)
+    return _along(_way(problem, stages), objective)
+
+
+def _along(way: _Way, objective: Objective) -> Trajectory:
+    """The motion of least torque along a way."""
+    problem = way.problem
     if way.length == 0.0:
         return _trajectory(way, None, objective)
     corridor = _fastest_within_limits(way, objective)
@@ -119,6 +133,20 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
             return trajectory
         corridor = _corridor(way, objective, _tightened(corridor.track.limits, excess))
     raise _between_stages()
+
+
+def _to_postures(problem: MotionProblem, objective: Objective, stages: int, failure: Infeasible | None) -> Trajectory:
+    """The best of the straight joint paths to the postures of a hand target; ``failure`` is that of the hand's path."""
+    assert isinstance(problem.target, FixedHand)
+    plans, failures = [], [] if failure is None else [failure]
+    for goal in goal_postures(problem, problem.target, "best"):
+        try:
+            plans.append(plan_torque(replace(problem, target=FixedJoints(goal)), objective=objective, stages=stages))
+        except Infeasible as refusal:
+            failures.append(refusal)
+    if not plans:
+        raise failures[0]
+    return replace(min(plans, key=lambda plan: plan.cost), problem=problem)
 
 
 @dataclass(frozen=True)
@@ -234,7 +262,7 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
     problem = way.problem
     t, r, rate, acceleration = _sample(way, profile)
     if math.isclose(t[-1], problem.horizon, rel_tol=ON_TIME):
-        t *= problem.horizon / t[-1]
+        t = np.minimum(t * (problem.horizon / t[-1]), problem.horizon)
         t[-1] = problem.horizon
     q, slope, curvature = way.joints(r)
     if isinstance(problem.target, FixedJoints):

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.polynomial.polynomial import polyder, polyval
 
-from planners.capabilities import Takes, variant
+from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Options, Situation, Stops, search
@@ -54,12 +54,15 @@ SAMPLE_STEP = 0.01
 Contact = Literal["refuse", "delay"]
 
 
+_TAKES = Takes(obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration"))
+
+
 @variant(
     "lagrange",
     "via",
     {
-        "joints": Takes(obstacles="avoided", needs=("velocity", "acceleration")),
-        "hand": Takes(obstacles="avoided", needs=("velocity", "acceleration")),
+        "joints": _TAKES,
+        "hand": _TAKES,
     },
 )
 def plan_via(

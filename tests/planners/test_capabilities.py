@@ -1,0 +1,92 @@
+"""What every variant declares, who is named where it does not fit, and a share of the campaign that checks it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import planners
+from planners import (
+    PLANAR_3R,
+    SCARA_50CM,
+    Arm,
+    FixedHand,
+    FixedJoints,
+    JointLimits,
+    MotionProblem,
+    MovingHand,
+    Obstacle,
+    Trajectory,
+    dpct,
+)
+from planners.capabilities import VARIANTS
+from tools.fuzz_planners import Fuzz, broken_promises, run
+
+SMOOTH = JointLimits(torque=(10.0, 4.0), velocity=2.0, acceleration=6.0)
+CHECKED = ("dpct/optimal", "dpct/timing", "dpct/torque", "lagrange/via", "quintic", "trapezoid")
+
+
+def move(arm: Arm = SCARA_50CM, limits: JointLimits = SMOOTH, **changes: object) -> MotionProblem:
+    n = arm.n_joints
+    start, goal = np.full(n, 0.3), np.linspace(0.6, 0.9, n)
+    problem = MotionProblem(arm, start, FixedJoints(goal), 4.0, limits=limits.for_joints(n))
+    return replace(problem, **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("label", CHECKED)
+def test_a_share_of_the_campaign_finds_no_broken_promise(label: str) -> None:
+    record = run(Fuzz(problems=12, seed=1, planner=label))[label]
+    assert record.faults == []
+    assert record.outcomes["solved"] > 0
+    assert sum(record.outcomes.values()) == 12
+
+
+def test_the_campaign_notices_a_motion_that_breaks_its_promises() -> None:
+    problem = move(obstacles=(Obstacle(SCARA_50CM.forward_kinematics([0.5, 0.5]), np.zeros(2), 0.05),))
+    motion = planners.trapezoid.plan(replace(problem, obstacles=()))
+    promising = VARIANTS["trapezoid", ""]
+    assert broken_promises(replace(problem, obstacles=()), motion, promising) == []
+    weaker = replace(problem, limits=JointLimits(torque=1e-3, velocity=0.1, acceleration=0.1).for_joints(2))
+    broken = " ".join(broken_promises(replace(weaker, target=FixedJoints(np.ones(2)), horizon=0.1), motion, promising))
+    for word in ("torque", "velocity", "acceleration", "touches an obstacle", "takes", "from the target"):
+        assert word in broken
+
+
+def test_a_problem_outside_is_refused_at_once_with_the_variants_that_can() -> None:
+    moving = move(target=MovingHand(np.array([0.5, 0.5]), np.array([0.1, 0.0])))
+    with pytest.raises(ValueError, match=r"dpct .timing. goes to a target of kind joints or hand.*dpct .optimal.* can"):
+        dpct.plan(moving, variant="timing")
+    jerky = move(limits=replace(SMOOTH, jerk=(50.0, 50.0)))
+    with pytest.raises(ValueError, match=r"dpct .torque. keeps no jerk limits; .*dpct .optimal.* can"):
+        dpct.plan(jerky, variant="torque")
+    with pytest.raises(ValueError, match=r"needs a finite velocity limit of every joint"):
+        dpct.plan(move(limits=JointLimits(torque=5.0)), variant="timing")
+    one = MotionProblem(Arm("lever", [0.5], [1.0]), np.zeros(1), moving.target, 3.0)
+    with pytest.raises(ValueError, match=r"dpct .optimal. takes 2 or 3 links, and lever has 1; no variant can"):
+        dpct.plan(one)
+
+
+@pytest.mark.parametrize("n", range(1, 7))
+@pytest.mark.parametrize("variant", ["optimal", "torque", "timing"])
+def test_dpct_moves_one_to_six_links_to_joints_and_to_a_hand_position(n: int, variant: str) -> None:
+    arm = Arm("chain", np.linspace(0.3, 0.2, n), np.linspace(2.0, 1.0, n))
+    limits = JointLimits(torque=80.0, velocity=3.0, acceleration=20.0, angle=[(-0.5, 2.0)] * n)
+    problem = move(arm, limits)
+    hand = FixedHand(arm.forward_kinematics(np.linspace(0.6, 0.9, n)))
+    for target in (problem.target, hand):
+        motion = dpct.plan(replace(problem, target=target), variant=variant)
+        assert motion.limit_ratio <= 1.0 + 1e-6
+        assert motion.problem.target is target
+        np.testing.assert_allclose(arm.forward_kinematics(motion.q[-1]), hand.position, atol=1e-6)
+        assert (motion.q >= -0.5).all()
+        assert (motion.q <= 2.0).all()
+
+
+def test_the_top_level_plan_takes_a_planner_that_can() -> None:
+    assert isinstance(planners.plan(move()), Trajectory)
+    blocked = move(obstacles=(Obstacle(SCARA_50CM.forward_kinematics([0.45, 0.45]), np.zeros(2), 0.03),))
+    assert planners.plan(blocked).clearance >= 0.0
+    upright = replace(PLANAR_3R, gravity=9.81)
+    assert planners.plan(move(upright, PLANAR_3R.limits)).limit_ratio <= 1.0 + 1e-6
