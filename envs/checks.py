@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numba import njit
 
@@ -76,6 +78,20 @@ def untouched_when_refused(generators: Sequence[np.random.Generator]) -> Iterato
         for generator, state in zip(generators, states, strict=True):
             generator.bit_generator.state = state
         raise
+
+
+def steps_of_time_limit(env: gym.Env[Any, Any]) -> int:
+    """The steps after which Gymnasium's `TimeLimit` cuts the episode that it is now resetting; 0 without one.
+
+    An environment does not know its wrappers, so this looks for one among the callers of ``reset``.
+    """
+    frame = inspect.currentframe()
+    while frame is not None:
+        caller = frame.f_locals.get("self")
+        if isinstance(caller, gym.wrappers.TimeLimit) and caller.unwrapped is env:
+            return int(caller._max_episode_steps)
+        frame = frame.f_back
+    return 0
 
 
 def _shown(value: Any) -> str:

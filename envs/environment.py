@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.card import load
-from envs.checks import checked_actions, checked_count, checked_options, untouched_when_refused
+from envs.checks import checked_actions, checked_count, checked_options, steps_of_time_limit, untouched_when_refused
 from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
@@ -39,6 +39,8 @@ Each element is a physical value divided by a fixed scale, clipped at the bound.
 {outcomes}
 | `limit_ratio` | at the end | worst value / limit of all kinds |
 | `limit_ratios` | at the end | worst value / limit of each kind |
+
+The end is also where Gymnasium's `TimeLimit` (`max_episode_steps`) cuts an episode.
 
 ## Arguments
 {settings}
@@ -79,7 +81,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
-        self._needs_reset, self._begun = True, False
+        self._needs_reset, self._begun, self._cut_after = True, False, 0
         self._camera = TaskCamera(self.task, 0, window=render_mode == "human")
         # Views of the one record, made once to keep a step fast.
         self._env = self.task.batch[0]
@@ -96,6 +98,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             self.task.reset_envs([0], [generator], checked_options(options))
         self._np_random, self._np_random_seed = generator, used_seed
         self._needs_reset, self._begun = False, True
+        self._cut_after = steps_of_time_limit(self)
         self._camera.begin()
         if self.render_mode == "human":
             self.render()
@@ -110,8 +113,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         env = self._env
         terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
         info = self.task.step_info(0)
-        if terminated or truncated:
-            self._needs_reset = True
+        self._needs_reset = terminated or truncated
+        if self._needs_reset or env["step"] == self._cut_after:
             info.update(self.task.episode_info(0))
         if self.render_mode is not None:
             self._camera.follow()

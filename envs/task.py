@@ -188,7 +188,10 @@ class Task(ABC):
 
     @abstractmethod
     def outcome(self, record: Any) -> dict[str, Any]:
-        """Info at the end of the episode of an environment's record, besides the limits."""
+        """Info at the end of the episode of an environment's record, besides the limits.
+
+        What has a meaning for whole episodes only is NaN for one that was cut short.
+        """
 
     @abstractmethod
     def motion_problem(self, observation: Observation) -> MotionProblem:

@@ -200,6 +200,20 @@ def test_an_episode_cut_short_has_no_perfect_scores(env_id: str) -> None:
         np.testing.assert_array_equal(final[key], [value] * 2, err_msg=key)
 
 
+@pytest.mark.parametrize("env_id", CUT)
+def test_a_time_limit_of_gymnasium_ends_with_the_same_info(env_id: str) -> None:
+    vector, single = gym.make_vec(env_id, num_envs=1, max_episode_steps=10), gym.make(env_id, max_episode_steps=10)
+    vector.reset(seed=0)
+    single.reset(seed=0)
+    for step in range(1, 11):
+        *_, infos = vector.step(np.zeros(vector.action_space.shape, dtype=np.float32))
+        *_, truncated, info = single.step(np.zeros(single.action_space.shape, dtype=np.float32))
+        assert truncated == ("limit_ratio" in info) == (step == 10)
+    for key, value in info.items():
+        if not isinstance(value, dict):
+            np.testing.assert_array_equal(infos["final_info"][key][0], value, err_msg=key)
+
+
 def test_an_excavator_episode_cut_while_judged_has_the_errors_so_far() -> None:
     finals = []
     for settings in ({"max_episode_steps": 300}, {}):
