@@ -20,7 +20,7 @@ VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 SEED_MOST = 2**62
 """The largest seed of a first episode."""
 
-_IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.+-]*")
+_IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w./+-]*")
 
 
 def is_in_module(text: str) -> bool:
