@@ -124,6 +124,7 @@ def test_edited_settings_are_noticed_but_for_device_and_threads(run: Path, capsy
     assert "edited since the run began (num_envs)" in capsys.readouterr().err
     config.write_text(text.replace("threads: 1\n", "threads: 2\n"))
     assert main(["train", "--resume", str(run)]) == 0
+    torch.set_num_threads(1)
 
 
 def test_two_processes_do_not_train_in_one_folder(run: Path) -> None:
