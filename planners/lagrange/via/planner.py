@@ -45,6 +45,9 @@ SHORTEST = 0.2
 CLEARING, SLOWEST = 0.3, 0.03
 """A wait for a disc costs its time for so many metres at its speed, m, at least at this speed, m/s."""
 
+ATTEMPTS, BACK_OFF = 4, 0.999
+"""Searches with ever tighter torque limits where a motion exceeds them, and an extra factor of each."""
+
 DETOUR = 1.5
 """Cost of ending in a waiting posture, as a multiple of the least time from there to a goal."""
 
@@ -107,10 +110,22 @@ def plan_via(
     options = Options(margin, prediction, keep_out, hold, DURATIONS)
     _require_sensible(options)
     situation = _situation(problem)
-    patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
     assert not isinstance(problem.target, MovingHand)  # refused by what the variant takes
     goals = np.array(goal_postures(problem, problem.target, elbow))
-    ends = list_ends(situation, hold, goals, offsets if delay else offsets[:0], len(patterns))
+    for _ in range(ATTEMPTS):
+        trajectory = _search(problem, situation, options, goals, delay=delay)
+        excess = trajectory.measured.ratios[LIMIT_KINDS.index("torque")]
+        if excess <= 1.0:
+            break
+        # between the instants at which the search checks them, torques are a little higher
+        situation = situation._replace(torque=situation.torque * BACK_OFF / excess)
+    return trajectory
+
+
+def _search(problem: MotionProblem, situation: Situation, options: Options, goals: Array, *, delay: bool) -> Trajectory:
+    """The best motion to a goal posture ``(goals, n)``, or with ``delay`` to a waiting one; raises as `plan_via`."""
+    patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
+    ends = list_ends(situation, options.hold, goals, offsets if delay else offsets[:0], len(patterns))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
         raise _late(problem, soonest)
@@ -119,7 +134,7 @@ def plan_via(
     via = np.zeros((2, problem.arm.n_joints))
     found = search(situation, options, ends, patterns, via)
     if found.end < 0:
-        stops = list_ends(situation, hold, goals, offsets, len(patterns))
+        stops = list_ends(situation, options.hold, goals, offsets, len(patterns))
         if delay or search(situation, options, stops, patterns, via).end < 0:
             raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
         raise _late(problem, soonest)
