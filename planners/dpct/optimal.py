@@ -226,12 +226,10 @@ def _late(line: Line, windows: list[Window], rendezvous_time: float | None) -> I
     """No motion within the limits meets the target in the windows."""
     closes = min(windows[-1].closes, line.problem.horizon)
     when = f"by {closes:.4g} s" if rendezvous_time is None else f"at {rendezvous_time:.4g} s"
-    return Infeasible(
-        "late",
-        f"no motion within the limits found that meets the target {when}; start further ahead of it, slow it down, "
-        "raise the limits or allow more time",
-        closes=closes,
-    )
+    advice = "start further ahead of it, slow it down, " if line.moving else ""
+    message = f"no motion within the limits found that meets the target {when}"
+    advice += "raise the limits or allow more time"
+    return Infeasible("late", f"{message}; {advice}", closes=closes)
 
 
 def _check_start(line: Line, free_acceleration: bool) -> Array:
