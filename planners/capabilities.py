@@ -40,6 +40,7 @@ class Takes:
         keeps: kinds of limit that every returned motion keeps; a problem with finite limits of another kind is refused.
         needs: kinds of limit that must be finite.
         precision: largest distance from the target at the end, m or rad; more where the option ``tolerance`` says so.
+            Ten times as much a second still counts as rest.
         arrives: ``"early"`` as soon as it can, or ``"on time"`` at the horizon exactly.
     """
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory
 from planners.typing import Array
@@ -16,6 +16,9 @@ EXCESS = 1e-6
 
 CONTINUOUS = 1e-3
 """Largest difference, rad, between a sample and where the last one's velocity leads, in a continuous motion."""
+
+REST_SPEED = 10.0
+"""Largest joint velocity that counts as rest at the end, rad/s, as a multiple of the precision (m or rad)."""
 
 UNITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "angle": "rad"}
 
@@ -74,6 +77,10 @@ def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, pr
     if not error <= precision:
         message = f"the motion of {name} ends {error:.4g} {unit} from the target; {precision:.4g} {unit} is allowed"
         raise Infeasible("late", message, error=error)
+    speed, allowed = float(np.abs(trajectory.qd[-1]).max()), REST_SPEED * precision
+    if not isinstance(problem.target, MovingHand) and not speed <= allowed:
+        message = f"the motion of {name} ends at {speed:.4g} rad/s, not at rest; {allowed:.4g} rad/s is allowed"
+        raise Infeasible("late", message, speed=speed)
 
 
 def target_error(problem: MotionProblem, trajectory: Trajectory) -> tuple[float, str]:

@@ -174,7 +174,7 @@ def _broken_ends(problem: MotionProblem, motion: Trajectory, precision: float, t
         error = float(np.hypot(*(_hand(arm, q[riding]) - target.at(t[riding])[0]).T).max(initial=0.0))
     if not error <= precision + ALLOWED:
         found.append(f"ends {error:.3g} from the target")
-    if not isinstance(target, MovingHand) and not np.abs(motion.at(motion.duration)[1]).max() <= 1e-5:
+    if not isinstance(target, MovingHand) and not np.abs(motion.at(motion.duration)[1]).max() <= 10.0 * precision:
         found.append("does not end at rest")
     return found
 

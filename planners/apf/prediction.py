@@ -69,8 +69,8 @@ def plan_field(
 
     Raises:
         Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time,
-            ``limits`` if the field exceeds a limit.
-        ValueError: if an option is out of range, or there are more than 100 000 periods.
+            ``limits`` if the field exceeds a limit, or there are more than 100 000 periods.
+        ValueError: if an option is out of range.
     """
     require_finite("period", period, "s", "positive")
     require_finite("tolerance", tolerance, "m or rad", "positive")
@@ -79,9 +79,10 @@ def plan_field(
     steps = max(1, math.ceil(problem.horizon / period - 1e-6))
     period = min(period, problem.horizon / steps)
     if steps > MOST_PERIODS and not isinstance(target, FixedHand):
-        raise ValueError(
+        raise Infeasible(
+            "limits",
             f"a horizon of {problem.horizon:.4g} s has {steps} periods of {period:.4g} s, more than {MOST_PERIODS}; "
-            "give a shorter horizon or a longer period"
+            "give a shorter horizon or a longer period",
         )
     field = _field(problem, period, tolerance, hold_time)
     smooth = bool(np.isfinite(problem.joint_limits.jerk).any())

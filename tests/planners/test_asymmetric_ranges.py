@@ -34,6 +34,9 @@ TURN = 1.1
 START = np.array([-0.6, 0.9])
 ARM = replace(SCARA_50CM, limits=replace(SCARA_50CM.limits, jerk=(300.0, 600.0), angle=(1.6, 2.2)))
 
+JUMPING = ("dpct timing", "dpct torque", "lagrange via", "apf")
+"""Plans whose acceleration jumps, for arms without limits of jerk."""
+
 Plan = Callable[[MotionProblem], Trajectory]
 
 
@@ -46,9 +49,11 @@ def turned_arm(angle: float) -> Arm:
     return replace(ARM, limits=replace(ARM.limits, angle=((-1.6 + angle, 1.6 + angle), 2.2)))
 
 
-def scene(kind: str, angle: float) -> MotionProblem:
+def scene(kind: str, angle: float, *, jerk: bool = True) -> MotionProblem:
     """A problem, turned: to joints, to a hand position, or along a belt; close to the ends of the first range."""
     arm, start = turned_arm(angle), START + np.array([angle, 0.0])
+    if not jerk:
+        arm = replace(arm, limits=replace(arm.limits, jerk=()))
     if kind == "joints":
         target: FixedJoints | FixedHand | MovingHand = FixedJoints(np.array([1.5 + angle, 0.4]))
     elif kind == "hand":
@@ -76,7 +81,7 @@ PLANS: dict[str, tuple[str, Plan]] = {
 @pytest.mark.parametrize("name", PLANS)
 def test_a_turned_scene_has_the_turned_plan(name: str) -> None:
     kind, plan = PLANS[name]
-    one, other = plan(scene(kind, 0.0)), plan(scene(kind, TURN))
+    one, other = (plan(scene(kind, angle, jerk=name not in JUMPING)) for angle in (0.0, TURN))
     assert other.duration == pytest.approx(one.duration, rel=1e-3)
     t = np.linspace(0.0, min(one.duration, other.duration), 50)
     np.testing.assert_allclose(other.at(t)[0] - [TURN, 0.0], one.at(t)[0], atol=0.02)
@@ -88,7 +93,7 @@ def test_a_turned_scene_has_the_turned_plan(name: str) -> None:
 def test_a_target_beyond_the_end_of_a_range_is_refused_on_either_side(name: str) -> None:
     _, plan = PLANS[name]
     for angle in (1.5 + TURN + 0.15, -1.6 + TURN - 0.05):
-        beyond = replace(scene("joints", TURN), target=FixedJoints(np.array([angle, 0.4])))
+        beyond = replace(scene("joints", TURN, jerk=name not in JUMPING), target=FixedJoints(np.array([angle, 0.4])))
         with pytest.raises(Infeasible, match=r"range|limits"):
             plan(beyond)
 
@@ -141,7 +146,7 @@ def test_the_dodging_field_is_the_same() -> None:
 
 
 def test_ranges_of_more_than_a_turn_and_without_zero_are_planned_in() -> None:
-    limits = replace(ARM.limits, angle=((2.0, 9.0), (-2.4, 2.4)))
+    limits = replace(ARM.limits, jerk=(), angle=((2.0, 9.0), (-2.4, 2.4)))
     arm = replace(ARM, limits=limits)
     target = FixedHand(arm.forward_kinematics([0.4, 1.0]))
     for plan in (lagrange.plan, PLANS["dpct timing"][1], PLANS["lagrange via"][1]):

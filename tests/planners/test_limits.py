@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners import SCARA_50CM, Arm, FixedJoints, JointLimits, MotionProblem
-from planners.problem import limit_ratios
+from planners import SCARA_50CM, Arm, FixedJoints, JointLimits, MotionProblem, sampled_trajectory
 
 ends = st.floats(-1e3, 1e3).filter(lambda value: abs(value) > 1e-6)
 
@@ -95,7 +94,8 @@ def test_the_ends_of_a_range_load_it_fully_and_what_is_beyond_more(one: float, o
 
     def load(*q: float) -> float:
         angles = np.array(q)[:, None]
-        return limit_ratios(limits, np.array([0.0, 1.0]), angles, still, still, still)["angle"]
+        problem = MotionProblem(Arm("one", 1.0, 1.0, limits), [lower], FixedJoints([upper]), 1.0)
+        return sampled_trajectory(problem, [0.0, 1.0], angles, still, still, planner="test").limit_ratios["angle"]
 
     assert load(lower, upper) <= 1.0
     assert load(lower, upper) == pytest.approx(1.0)
