@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(named, _parse(given, named))  # the parser exits after help or an error
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:  # whoever read the output has read enough
+    except BrokenPipeError:  # the reader of the output, such as head, has stopped
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

@@ -127,7 +127,7 @@ def variant(
                 if kwargs.get("contact") != "delay":
                     precision = takes[TARGETS[type(problem.target)]].precision
                     wanted = max(precision, float(kwargs.get("tolerance", 0.0)))  # type: ignore[arg-type]
-                    require_solved(str(declared), problem, trajectory, wanted, _avoiding(problem))
+                    require_solved(str(declared), problem, trajectory, wanted, _avoiding(problem, declared))
             return trajectory
 
         declared = VARIANTS[planner, name] = Variant(planner, name, plan, takes, promises)
@@ -242,17 +242,22 @@ def _require_taken(declared: Variant, problem: MotionProblem) -> None:
     """Refuse a problem that a variant does not take, with the variants that do."""
     objection = declared.objection(problem)
     if objection is not None:
-        able = [str(other) for other in VARIANTS.values() if other.objection(problem) is None]
+        able = [str(other) for other in _able(problem)]
         advice = f"{', '.join(able)} can" if able else "no variant can"
         raise ValueError(f"{declared} {objection}; {advice}")
 
 
-def _avoiding(problem: MotionProblem) -> str:
-    """Advice for a problem whose obstacles are in the way."""
+def _able(problem: MotionProblem) -> list[Variant]:
+    """The variants that take a problem and promise what they keep."""
+    return [entry for entry in VARIANTS.values() if entry.promises and entry.objection(problem) is None]
+
+
+def _avoiding(problem: MotionProblem, failed: Variant) -> str:
+    """Advice for a problem whose obstacles are in the way of the motion of one variant."""
     kind = TARGETS[type(problem.target)]
-    taking = [entry for entry in VARIANTS.values() if entry.objection(problem) is None]
-    able = [str(entry) for entry in taking if entry.takes[kind].obstacles == "avoided"]
-    return f"{', '.join(able)} can avoid obstacles" if able else "no variant can avoid obstacles on the way to it"
+    others = [entry for entry in _able(problem) if entry != failed]
+    able = [str(entry) for entry in others if entry.takes[kind].obstacles == "avoided"]
+    return f"{', '.join(able)} can avoid obstacles" if able else "no other variant avoids obstacles on the way to it"
 
 
 def _names() -> list[str]:
