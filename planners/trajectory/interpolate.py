@@ -20,6 +20,9 @@ OVERSHOOT = 1e-9
 ROUNDING = 1e-13
 """Angles carry this rounding, relative to their size; divided by the squared interval it is that of an acceleration."""
 
+SHORT = 1e-6
+"""Interval, as a fraction of the duration, in which rounding of its times dominates a quintic: it is left as it is."""
+
 
 @njit(cache=True, nogil=True)
 def quintic_between(
@@ -105,7 +108,7 @@ def insert_turning_points(t: Array, q: Array, qd: Array, qdd: Array) -> tuple[Ar
 def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Array, shares: Array) -> int:
     """Write the shares of interval ``i`` at which a value of a joint turns to ``shares``; how many there are."""
     h, count = t[i + 1] - t[i], 0
-    if not h > 0.0:
+    if not h > SHORT * t[-1]:
         return 0
     for j in range(q.shape[1]):
         ends = q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
