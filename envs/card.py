@@ -135,7 +135,7 @@ def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
     """
     if not isinstance(task, str) and task.env_id != env_id:
         raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
-    single, vector = "envs.environment:PlanarArmEnv", "envs.environment:PlanarArmVectorEnv"
+    single, vector = "envs.environment:PlanarArmEnv", "envs.vector_environment:PlanarArmVectorEnv"
     if isinstance(task, str):
         single = f"{task}Env"
     if env_id not in gym.registry:

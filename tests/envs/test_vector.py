@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import envs  # noqa: F401  (registers the ids)
-from envs.environment import PlanarArmVectorEnv
+from envs.vector_environment import PlanarArmVectorEnv
 
 ENV_ID = "ConveyorTrack-v0"
 

@@ -1,0 +1,181 @@
+"""`PlanarArmVectorEnv`: a batch of environments of a task as a Gymnasium vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import EzPickle, seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from envs.checks import checked_actions, checked_count, checked_options, untouched_when_refused
+from envs.environment import Info, make_task
+from envs.observation import Observation
+from envs.task import Task
+from envs.task_camera import Frame, TaskCamera
+from planners import MotionProblem
+from planners.typing import Array
+
+
+class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
+    """A batch as a Gymnasium vector environment; environment i equals the single one with seed + i.
+
+    An environment whose episode ends begins the next one in the same step: the returned observation is the first of the
+    new episode; the last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
+
+    Args:
+        num_envs: number of environments.
+        render_mode: ``"rgb_array"`` or None.
+        max_episode_steps: truncate every episode after so many steps, if that is before the task's horizon.
+        task_type: the `Task` class, or ``"module:Name"`` of it.
+        config: fields of the task's configuration.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": 50,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        *,
+        task_type: type[Any] | str,
+        **config: Any,
+    ) -> None:
+        EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
+        num_envs = checked_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            hint = "; leave it out to truncate at the horizon only"
+            max_episode_steps = checked_count("max_episode_steps", max_episode_steps, hint)
+        self.task: Task = make_task(task_type, config, num_envs, render_mode, self.metadata)
+        self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.single_observation_space = self.task.layout.space()
+        self.single_action_space = self.task.action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._max_episode_steps = max_episode_steps
+        self._generators: list[np.random.Generator] = []
+        self._cameras = [TaskCamera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
+        self._running = False
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Begin an episode in every environment, or in those of ``options["reset_mask"]``.
+
+        Raises:
+            ValueError: for options, seeds or a mask that are refused; episodes and random numbers go on as if not
+                called.
+        """
+        options = checked_options(options)
+        mask = options.pop("reset_mask", None)
+        chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
+        generators = self._seeded(seed, chosen)
+        with untouched_when_refused(generators):
+            self._begin(chosen, options, generators)
+        self._generators, self._running = generators, True
+        return self._observations(), self._step_infos()
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Hold one action per environment, ``(num_envs, n)``, for one control period."""
+        if not self._running:
+            raise gym.error.ResetNeeded("no episode has begun: call reset() first")
+        batch = self.task.batch
+        batch["action"] = checked_actions(actions, batch["action"].shape)
+        self.task.advance()
+        for camera in self._cameras:
+            camera.follow()
+        terminated, truncated = batch["terminated"].copy(), batch["truncated"].copy()
+        if self._max_episode_steps is not None:
+            truncated |= batch["step"] >= self._max_episode_steps
+        rewards, infos = batch["reward"].copy(), self._step_infos()
+        ended = terminated | truncated
+        if ended.any():
+            infos.update(self._final(ended))
+            self._begin(np.flatnonzero(ended).tolist(), {}, self._generators)
+        return self._observations(), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """One frame per environment."""
+        if not self._running:
+            raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
+        return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the threads and free the surfaces."""
+        for camera in self._cameras:
+            camera.close()
+        self.task.close()
+
+    def joint_state(self) -> tuple[Array, Array]:
+        """Joint angles (rad) and velocities (rad/s), each ``(num_envs, n)``."""
+        return self.task.batch["q"].copy(), self.task.batch["qd"].copy()
+
+    def motion_problem(self, env_index: int) -> MotionProblem:
+        """The planning problem that the current observation of an environment states."""
+        return self.task.motion_problem(self.task.batch["observation"][env_index])
+
+    def _begin(self, chosen: list[int], options: dict[str, Any], generators: list[np.random.Generator]) -> None:
+        """Begin an episode in the chosen environments, each with its own of all generators."""
+        self.task.reset_envs(chosen, [generators[env_index] for env_index in chosen], options)
+        for env_index in chosen if self._cameras else ():
+            self._cameras[env_index].begin()
+
+    def _seeded(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> list[np.random.Generator]:
+        """The generators of all environments, those of the chosen ones seeded again if seeds are given."""
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + env_index for env_index in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else seed
+        if len(seeds) != self.num_envs:
+            raise ValueError(
+                f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed per environment"
+            )
+        if not self._generators:
+            return [seeding.np_random(one)[0] for one in seeds]
+        generators = list(self._generators)
+        for env_index in chosen:
+            if seeds[env_index] is not None:
+                generators[env_index] = seeding.np_random(seeds[env_index])[0]
+        return generators
+
+    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_:
+            raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},)")
+        if not self._running and not array.all():
+            raise ValueError("the first reset must reset every environment: leave out reset_mask")
+        return array
+
+    def _observations(self) -> Observation:
+        return self.task.batch["observation"].copy()
+
+    def _step_infos(self) -> Info:
+        columns = self.task.batch["reward_terms"].T
+        terms = {name: column.copy() for name, column in zip(self.task.reward_terms, columns, strict=True)}
+        return self._present({"is_success": self.task.batch["success"].copy(), "reward_terms": self._present(terms)})
+
+    def _present(self, values: Info) -> Info:
+        """Values with Gymnasium's masks, which say that every environment has them."""
+        return values | {f"_{name}": np.ones(self.num_envs, dtype=np.bool_) for name in values}
+
+    def _final(self, ended: NDArray[np.bool_]) -> Info:
+        """Last observations and infos of the environments that ended, in Gymnasium's vector form."""
+        final: Info = {}
+        for env_index in np.flatnonzero(ended).tolist():
+            info = {**self.task.step_info(env_index), **self.task.episode_info(env_index)}
+            final = self._add_info(final, info, env_index)
+        observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
+        return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
