@@ -30,6 +30,28 @@ BELT_RAIL = (178, 187, 199)
 ROLLER = (140, 150, 165)
 ROLLER_SHINE = (203, 210, 220)
 
+DARK: dict[str, Color] = {
+    "FLOOR": (20, 25, 34),
+    "WORKSPACE": (25, 31, 42),
+    "GRID": (36, 44, 58),
+    "PANEL": (29, 36, 48),
+    "BORDER": (50, 60, 77),
+    "TRACK": (44, 53, 69),
+    "INK": (226, 232, 241),
+    "MUTED": (147, 160, 180),
+    "ACCENT": (88, 164, 228),
+    "LINK_BASE": (110, 130, 166),
+    "LINK_HAND": (116, 176, 220),
+    "JOINT": (20, 25, 34),
+    "EARTH": (128, 105, 80),
+    "BELT": (58, 68, 85),
+    "BELT_STRIPE": (76, 88, 108),
+    "BELT_RAIL": (92, 104, 124),
+    "ROLLER": (98, 110, 130),
+    "ROLLER_SHINE": (140, 152, 172),
+}
+"""Colours that differ on a dark page."""
+
 
 def mix(first: Color, second: Color, share: float) -> Color:
     """Linear interpolation: ``first`` at share 0, ``second`` at share 1."""

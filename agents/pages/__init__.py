@@ -1,0 +1,1 @@
+"""What the pages in the browser share: the drawing of scenes and the styles."""
