@@ -25,6 +25,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "benchmark": Command("agents.commands.benchmark", "BenchmarkOptions", "score policies on tasks, beside the bound"),
     "evaluate": Command("agents.commands.evaluate", "EvaluateOptions", "score a policy on a task, beside others"),
+    "play": Command("agents.commands.play", "PlayOptions", "watch policies in the browser, and interfere"),
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
     "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
     "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),

@@ -87,6 +87,28 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Control:
+    """Something that a spectator may change while an episode runs: a number, or points that are dragged.
+
+    Attributes:
+        key: its name.
+        title: for labels, with the unit of a number.
+        read: the number, or the points ``(k, 2)``, m, from the task and the record of an environment.
+        write: changes the environment of an index to a number, or a point of an index to a position, ``(2,)``, m; gives
+            whether that is done: False while the arm must first come to rest. A ValueError for what is impossible.
+        span: lowest and highest number; None for points.
+        replans: whether policies have to plan anew after a change.
+    """
+
+    key: str
+    title: str
+    read: Callable[[Any, Any], Any]
+    write: Callable[..., bool]
+    span: tuple[float, float] | None = None
+    replans: bool = True
+
+
+@dataclass(frozen=True)
 class TaskCard:
     """What other packages need to know of a task.
 
@@ -100,6 +122,7 @@ class TaskCard:
         recipe: training configuration: the name of a shipped one, or the path of a YAML file.
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
         picture: what figures show.
+        controls: what a spectator may change while an episode runs.
     """
 
     metrics: tuple[Metric, ...]
@@ -111,6 +134,7 @@ class TaskCard:
     recipe: str | None = None
     constant_entries: frozenset[str] = frozenset()
     picture: Picture | None = None
+    controls: tuple[Control, ...] = ()
 
     @property
     def primary(self) -> Metric | None:

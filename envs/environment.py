@@ -134,6 +134,11 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera.close()
         self.task.close()
 
+    def resume(self) -> Observation:
+        """The observation after a control of the task's card was used; an episode that was over goes on."""
+        self._needs_reset = False
+        return self._observation.copy()
+
     def joint_state(self) -> tuple[Array, Array]:
         """Joint angles (rad) and velocities (rad/s), each ``(n,)``."""
         return self.task.batch["q"][0].copy(), self.task.batch["qd"][0].copy()

@@ -221,6 +221,12 @@ class Task(ABC):
         }
         return Scene(**(common | self.picture(record)))
 
+    def restart_clock(self, env_index: int) -> None:
+        """Give a running episode its whole time again; the arm moves on."""
+        record = self.batch[env_index]
+        record["step"] = 0
+        record["terminated"] = record["truncated"] = record["success"] = False
+
     def advance_slice(self, first: int, last: int) -> None:
         """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
         self.kernels.advance_batch(self.batch, self.model, first, last)

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
+from envs.conveyor_track.controls import CONTROLS
 from envs.conveyor_track.experts import meet_on_line
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import FollowerExpert, MovingTargetExpert
@@ -57,5 +58,6 @@ CARD = TaskCard(
         tolerance="position_tolerance",
         belt=True,
     ),
+    controls=CONTROLS,
 )
 """What other packages need to know of ConveyorTrack-v0."""

@@ -43,10 +43,24 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
     env.belt_start[:] = env.part_position
-    chipmunk.body_set_position(env.part, env.part_position[0], env.part_position[1])
+    _place_part(env)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
     _observe(env, shared)
+
+
+@njit(cache=True, nogil=True)
+def move_part(batch: Any, index: int, x: float, y: float) -> None:
+    """Put the part of an environment elsewhere in the middle of an episode, m."""
+    env = batch[index]
+    env.part_position[0], env.part_position[1] = x, y
+    _place_part(env)
+
+
+@njit(cache=True, nogil=True)
+def _place_part(env: Any) -> None:
+    """Place the part's body where the record has it."""
+    chipmunk.body_set_position(env.part, env.part_position[0], env.part_position[1])
 
 
 @njit(cache=True, nogil=True)
@@ -127,6 +141,12 @@ def _lq_cost_rate(env: Any) -> float:
     """Integrand of eq 18, with lengths in units of the paper's path."""
     squares = env.error * env.error + env.velocity_error * env.velocity_error
     return float(squares / (LINE_LENGTH * LINE_LENGTH))
+
+
+@njit(cache=True, nogil=True)
+def observe(batch: Any, model: Any, index: int) -> None:
+    """Write the observation of an environment again, after something was changed in the middle of an episode."""
+    _observe(batch[index], model[0])
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,7 @@ import math
 from functools import partial
 
 from envs.card import Info, Metric, Picture, TaskCard
+from envs.excavator_payload.controls import CONTROLS
 from envs.excavator_payload.experts import PayloadExpert
 
 
@@ -38,5 +39,6 @@ CARD = TaskCard(
         target=lambda task, record: record["wanted_tip"].copy(),
         logarithmic=True,
     ),
+    controls=CONTROLS,
 )
 """What other packages need to know of ExcavatorPayload-v0."""

@@ -34,7 +34,7 @@ class Hidden(NamedTuple):
         """Write it into an environment's record."""
         record["payload"], record["load_offset"], record["friction_scale"] = self[:3]
         record["pick_step"], record["drop_step"] = self[3:]
-        record["payload_inertia"] = self.payload * EXCAVATOR.payload.gyration_square(self.payload)
+        record["payload_inertia"] = payload_inertia(self.payload)
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,11 @@ class HiddenDraw:
             max(1, round(_between(PICK, pick) * self.steps)) if self.changes else 0,
             max(1, round(_between(DROP, drop) * self.steps)) if self.changes else -1,
         )
+
+
+def payload_inertia(mass: float) -> float:
+    """Moment of inertia of a payload about its centre, kg m^2."""
+    return float(mass * EXCAVATOR.payload.gyration_square(mass))
 
 
 def _between(ends: tuple[float, float], share: float) -> float:

@@ -65,6 +65,10 @@ class Expert(ABC):
         """Estimated payloads after the last call, ``(num_envs,)``, kg; None without estimation."""
         return self._memory.mass_estimate if isinstance(self._memory, AdaptiveState) else None
 
+    def planned(self, env_index: int = 0) -> Array | None:
+        """Joint angles that are planned from now on, ``(periods, n)``, rad; None without a plan."""
+        return None
+
     def predict(
         self,
         observation: Observation,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
+from envs.experts.payload_estimation import AdaptiveState
 from envs.observation import Observation
 from envs.task import Task
 from planners.control import Gains, tracking_acceleration
@@ -50,6 +51,15 @@ class PlanningExpert(Expert):
                 ("payload", "f8"),  # the payload it was made for, kg
             ]
         )
+
+    def planned(self, env_index: int = 0) -> Array | None:
+        """Joint angles that are planned from the last observation on, ``(periods, n)``, rad; None without a plan."""
+        memory = self._memory.expert if isinstance(self._memory, AdaptiveState) else self._memory
+        if memory is None:
+            return None
+        plan, left = memory[0][env_index], int(memory[1][env_index]) + 1
+        ahead: Array = plan["q"][max(0, int(plan["begun"]) - left) : int(plan["last"]) + 1]
+        return ahead.copy() if plan["last"] > 0 and len(ahead) else None
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
@@ -112,6 +122,6 @@ class PlanningExpert(Expert):
         limited = np.isfinite(jerk)
         smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
         gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
-        wanted = self._within_torque(seen, -np.sign(qd) * gentle)
-        reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
-        return reachable
+        reachable = np.clip(-np.sign(qd) * gentle, qdd - jerk * period, qdd + jerk * period)
+        # Last, because a joint whose torque saturates would drive the others on.
+        return self._within_torque(seen, reachable)

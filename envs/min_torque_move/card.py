@@ -8,6 +8,7 @@ from typing import Any
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import JointFieldExpert
+from envs.min_torque_move.controls import CONTROLS
 from planners import dpct, lagrange, quintic
 
 
@@ -46,5 +47,6 @@ CARD = TaskCard(
         target=lambda task, record: task.arm.forward_kinematics(record["goal"]),
         rate=True,
     ),
+    controls=CONTROLS,
 )
 """What other packages need to know of MinTorqueMove-v0."""

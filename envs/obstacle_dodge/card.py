@@ -7,6 +7,7 @@ from functools import partial
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
 from envs.obstacle_dodge.bound import time_to_goal
+from envs.obstacle_dodge.controls import CONTROLS
 from envs.obstacle_dodge.experts import REPLAN_EVERY, DodgingExpert, pass_via_nodes, time_along_line
 from planners import trapezoid
 
@@ -49,5 +50,6 @@ CARD = TaskCard(
         discs=("discs", "radii"),
         arrival="time_to_goal",
     ),
+    controls=CONTROLS,
 )
 """What other packages need to know of ObstacleDodge-v0."""

@@ -136,6 +136,12 @@ def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_
 
 
 @njit(cache=True, nogil=True)
+def observe(batch: Any, model: Any, index: int) -> None:
+    """Write the observation of an environment again, after something was changed in the middle of an episode."""
+    _observe(batch[index], model[0])
+
+
+@njit(cache=True, nogil=True)
 def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen

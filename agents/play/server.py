@@ -1,0 +1,170 @@
+"""The server of `planarm play`: pages, and one session for each page over a websocket, on this machine only."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from agents.play.session import Message, Session, catalogue
+from envs.rendering.document import palette_document
+
+HOST = "127.0.0.1"
+FRAMES = 40
+"""Frames a second."""
+LONGEST_MESSAGE = 10_000
+"""Characters of a message that a page may send."""
+
+_KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_FILES = {
+    "": ("agents.play", "static/play.html"),
+    "play.js": ("agents.play", "static/play.js"),
+    "scene.js": ("agents.pages", "scene.js"),
+    "style.css": ("agents.pages", "style.css"),
+}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'",
+}
+
+
+def application(first: Mapping[str, Any], *, settings: Mapping[str, Any], allow_code: bool) -> Starlette:
+    """The pages and the websocket.
+
+    Args:
+        first: what a new page plays, a `Choice` as a document.
+        settings: of every environment.
+        allow_code: whether models of Stable-Baselines3 may be loaded.
+    """
+
+    async def play(socket: WebSocket) -> None:
+        if not _same_origin(socket):
+            await socket.close(code=1008)
+            return
+        await socket.accept()
+        await socket.send_json({"kind": "welcome", "tasks": catalogue(), "first": first, "palette": palette_document()})
+        await _Page(socket, Session(allow_code=allow_code, settings=settings)).run()
+
+    routes = [Route(f"/{name}", _file) for name in _FILES]
+    middleware = [Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])]
+    return Starlette(routes=[*routes, WebSocketRoute("/play", play)], middleware=middleware)
+
+
+async def _file(request: Request) -> Response:
+    package, path = _FILES[request.url.path.lstrip("/")]
+    text = resources.files(package).joinpath(path).read_text(encoding="utf-8")
+    return Response(text, media_type=_KINDS[path.rpartition(".")[2]], headers=_HEADERS)
+
+
+def _same_origin(socket: WebSocket) -> bool:
+    """Whether a page of this server asks: other pages in the browser may not."""
+    return socket.headers.get("origin") == f"http://{socket.headers.get('host')}"
+
+
+class _Page:
+    """One open page: takes its messages, advances its session in a thread, sends frames."""
+
+    def __init__(self, socket: WebSocket, session: Session) -> None:
+        self._socket, self._session = socket, session
+        self._inbox: asyncio.Queue[Message] = asyncio.Queue(maxsize=200)
+        # One thread a page: numba's code and planners run beside the server, one at a time.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="planarm-page")
+
+    async def run(self) -> None:
+        """Until the page is closed."""
+        reader = asyncio.create_task(self._read())
+        writer = asyncio.create_task(self._play())
+        try:
+            _, unfinished = await asyncio.wait([reader, writer], return_when=asyncio.FIRST_COMPLETED)
+            for each in unfinished:
+                each.cancel()
+            await asyncio.gather(reader, writer, return_exceptions=True)
+        finally:
+            self._thread.submit(self._session.close)
+            self._thread.shutdown(wait=False)
+
+    async def _read(self) -> None:
+        try:
+            while True:
+                text = await self._socket.receive_text()
+                try:
+                    if len(text) > LONGEST_MESSAGE:
+                        raise ValueError(f"a message of {len(text)} characters; at most {LONGEST_MESSAGE}")
+                    document = json.loads(text)
+                    if not isinstance(document, dict):
+                        raise ValueError("a message must be a JSON object")
+                    await self._inbox.put(Message.parse(document, "message"))
+                except (ValueError, RecursionError) as error:
+                    await self._complain(error)
+        except WebSocketDisconnect:
+            return
+
+    async def _play(self) -> None:
+        loop = asyncio.get_running_loop()
+        last = loop.time()
+        try:
+            while True:
+                began = loop.time()
+                answers, frame = await loop.run_in_executor(self._thread, self._advance, began - last, self._messages())
+                last = began
+                for answer in answers:
+                    await self._socket.send_json(answer)
+                await self._socket.send_text(json.dumps(frame, separators=(",", ":")))
+                await asyncio.sleep(max(0.0, began + 1.0 / FRAMES - loop.time()))
+        except (WebSocketDisconnect, RuntimeError):  # sending to a page that has gone
+            return
+
+    def _messages(self) -> list[Message]:
+        """All that have come; of changes of one control, and places of the mouse, the last."""
+        latest: dict[Any, Message] = {}
+        for number in range(self._inbox.qsize()):
+            message = self._inbox.get_nowait()
+            key = (message.do, message.key, message.index) if message.do in ("change", "mouse") else number
+            latest.pop(key, None)
+            latest[key] = message
+        return list(latest.values())
+
+    def _advance(self, seconds: float, messages: list[Message]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        """In the page's thread: take messages, advance, and give answers and the frame."""
+        answers = []
+        for message in messages:
+            try:
+                answer = self._session.take(message)
+            except (ValueError, ModuleNotFoundError) as error:
+                answer = {"kind": "error", "text": " ".join(str(error).split())}
+            if answer is not None:
+                answers.append(answer)
+        self._session.advance(seconds)
+        return answers, self._session.frame()
+
+    async def _complain(self, error: Exception) -> None:
+        await self._socket.send_json({"kind": "error", "text": " ".join(str(error).split())[:500]})
+
+
+def open_socket(port: int) -> socket.socket:
+    """A listening socket on this machine; port 0 is a free one.
+
+    Raises:
+        ValueError: if the port is taken or not allowed.
+    """
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ValueError(f"port {port} cannot be used ({reason}): leave --port out for a free one") from None
+    return listening

@@ -1,0 +1,208 @@
+"""What one page plays: policies on the same episode, advanced together, changed by messages of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from agents.environments import check_names
+from agents.play.actor import YOU, Mouse, PlayedPolicy
+from agents.policies.files import shipped_agents
+from agents.policies.lookup import SHIPPED, NamedPolicy, find_policy
+from envs.card import env_ids, task_card
+from envs.experts import expert_names
+from envs.settings import Settings
+from planners import arm_names
+
+MOST_POLICIES = 3
+
+
+class Choice(Settings):
+    """What a page plays.
+
+    Attributes:
+        env: id of the environment.
+        policies: up to three.
+        seed: of the episode.
+        arm: a preset's name; the task's own when left out.
+        payload: unknown point mass at the hand, kg; in tasks that draw one, a control changes it.
+        scenario: option of the reset.
+    """
+
+    env: str
+    policies: tuple[str, ...] = Field(min_length=1, max_length=MOST_POLICIES)
+    seed: int = Field(0, ge=0, le=2**53)
+    arm: str | None = None
+    payload: float | None = Field(None, ge=0.0, le=2.0)
+    scenario: str | None = None
+
+
+class Message(Settings):
+    """What a page sends.
+
+    Attributes:
+        do: what to do.
+        choice: for ``choose``.
+        seed: for ``restart``.
+        key: of a control, for ``change``.
+        point: position, m, for ``change`` and ``mouse``.
+        index: of the point of a control with several.
+        number: for ``change`` of a number, and ``speed``.
+    """
+
+    do: Literal["choose", "restart", "run", "pause", "step", "speed", "change", "mouse"]
+    choice: Choice | None = None
+    seed: int | None = Field(None, ge=0, le=2**53)
+    key: str | None = None
+    point: tuple[float, float] | None = None
+    index: int = Field(0, ge=0, le=8)
+    number: float | None = None
+
+
+@dataclass
+class Session:
+    """The state of one page.
+
+    Attributes:
+        allow_code: whether models of Stable-Baselines3 may be loaded.
+        settings: of every environment, beside those of the choice.
+        running: whether time goes on.
+        speed: of the played time, as a share of real time.
+    """
+
+    allow_code: bool = False
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    running: bool = True
+    speed: float = 1.0
+    _played: list[PlayedPolicy] = field(default_factory=list)
+    _choice: Choice | None = None
+    _mouse: Mouse = field(default_factory=Mouse)
+    _due: float = 0.0
+
+    def take(self, message: Message) -> dict[str, Any] | None:
+        """Do what a page asks for; the description of a new episode, if one has begun.
+
+        Raises:
+            ValueError: for what is impossible; the episode goes on.
+        """
+        match message.do:
+            case "choose" if message.choice is not None:
+                return self._choose(message.choice)
+            case "restart" if self._choice is not None:
+                seed = self._choice.seed if message.seed is None else message.seed
+                return self._begin(self._choice.model_copy(update={"seed": seed}))
+            case "run" | "pause":
+                self.running = message.do == "run"
+            case "step":
+                self.running = False
+                self._step()
+            case "speed" if message.number is not None:
+                self.speed = min(4.0, max(0.05, message.number))
+            case "mouse":
+                self._mouse.point = None if message.point is None else np.array(message.point)
+            case "change" if message.key is not None:
+                self._change(message)
+        return None
+
+    def advance(self, seconds: float) -> None:
+        """Advance by so much real time, if it runs; at most a tenth of a second: what a slow policy delays is lost."""
+        if not self.running or not self._played:
+            return
+        period = self._played[0].task.config.control_period
+        self._due += min(0.1, seconds) * self.speed
+        while self._due >= period:
+            self._due -= period
+            self._step()
+
+    def frame(self) -> dict[str, Any]:
+        """What the page draws now."""
+        policies = [played.picture() for played in self._played]
+        return {"kind": "frame", "running": self.running, "speed": self.speed, "policies": policies}
+
+    def close(self) -> None:
+        """Close all environments."""
+        for played in self._played:
+            played.close()
+        self._played = []
+
+    def _step(self) -> None:
+        for played in self._played:
+            played.step()
+
+    def _change(self, message: Message) -> None:
+        for played in self._played:
+            if message.point is not None:
+                played.change(str(message.key), np.array(message.point), message.index)
+            elif message.number is not None:
+                played.change(str(message.key), message.number)
+
+    def _choose(self, choice: Choice) -> dict[str, Any]:
+        """Make the environments and policies of a choice; the old ones go on if that fails."""
+        settings = dict(self.settings)
+        if choice.arm is not None:
+            settings["arm"] = choice.arm
+        if choice.payload is not None:
+            settings["payload"] = choice.payload
+        check_names(choice.env, settings, {} if choice.scenario is None else {"scenario": choice.scenario})
+        mouse = Mouse()
+        made: list[PlayedPolicy] = []
+        try:
+            for name in choice.policies:
+                named = NamedPolicy(YOU, YOU) if name == YOU else self._find(name, choice.env)
+                made.append(PlayedPolicy(named, choice.env, settings, mouse))
+            before, self._played = self._played, made
+            described = self._begin(choice)
+        except Exception:
+            for played in made:
+                played.close()
+            if made is self._played:
+                self._played = before
+            raise
+        self._mouse = mouse
+        for played in before:
+            played.close()
+        return described
+
+    def _find(self, name: str, env_id: str) -> NamedPolicy:
+        return find_policy(name, env_id, allow_code=self.allow_code)
+
+    def _begin(self, choice: Choice) -> dict[str, Any]:
+        """Begin the episode of a choice; its description."""
+        options = {} if choice.scenario is None else {"scenario": choice.scenario}
+        for played in self._played:
+            played.begin(choice.seed, options)
+        self._choice, self._due = choice, 0.0
+        task, card = self._played[0].task, self._played[0].card
+        return {
+            "kind": "episode",
+            "choice": choice.model_dump(),
+            "view": list(task.view),
+            "period": task.config.control_period,
+            "controls": [{"key": each.key, "title": each.title, "span": each.span} for each in card.controls],
+        }
+
+
+def catalogue() -> list[dict[str, Any]]:
+    """What a page can choose from: the tasks with their policies, arms and scenarios."""
+    return [_described(env_id) for env_id in env_ids()]
+
+
+def _described(env_id: str) -> dict[str, Any]:
+    card = task_card(env_id)
+    agent = [SHIPPED] if env_id in shipped_agents() else []
+    return {
+        "env": env_id,
+        "policies": [*agent, *expert_names(env_id), YOU],
+        "arms": [name for name in arm_names() if card.links and load_links(name) in card.links],
+    }
+
+
+def load_links(name: str) -> int:
+    """Number of links of a preset."""
+    from planners import load_arm
+
+    return load_arm(name).n_joints

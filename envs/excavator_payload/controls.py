@@ -1,0 +1,42 @@
+"""What a spectator may change of ExcavatorPayload while it runs: the payload, and the friction of the joints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from envs.card import Control
+from envs.excavator_payload.hidden import FRICTION_SCALE, payload_inertia
+from envs.excavator_payload.reference import HEAVIEST
+
+
+def _set_payload(task: Any, env_index: int, mass: float) -> bool:
+    record = task.batch[env_index]
+    record["payload"], record["payload_inertia"] = mass, payload_inertia(mass)
+    record["pick_step"] = record["step"]  # picked up in the next control period
+    return True
+
+
+def _set_friction(task: Any, env_index: int, scale: float) -> bool:
+    task.batch[env_index]["friction_scale"] = scale
+    return True
+
+
+CONTROLS = (
+    Control(
+        "payload",
+        "payload (kg)",
+        lambda task, record: float(record["payload"]),
+        _set_payload,
+        span=(0.0, HEAVIEST),
+        replans=False,
+    ),
+    Control(
+        "friction",
+        "friction (share of the nominal)",
+        lambda task, record: float(record["friction_scale"]),
+        _set_friction,
+        span=(0.0, 2.0 * FRICTION_SCALE[1]),
+        replans=False,
+    ),
+)
+"""The controls of ExcavatorPayload-v0."""
