@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.environments import make_one
 from agents.policies.lookup import NamedPolicy
-from agents.policies.policy import Actor, Policy
+from agents.policies.policy import Actor
 from envs.card import Control, TaskCard, task_card
 from envs.experts.base import Expert
 from envs.experts.planning import PlanningExpert
@@ -66,7 +67,8 @@ class PlayedPolicy:
         self.card: TaskCard = task_card(self.env_id)
         policy: Any = self._follower() if self.named.name == YOU else self.named.policy
         self._actor = Actor(policy, self._env, self.named.name)
-        self._brake: Policy | None = None
+        self._acting = self._actor
+        self._brake: Actor | None = None
         self._waiting: dict[str, tuple[Any, ...]] = {}
         self._trail: list[Array] = []
 
@@ -85,9 +87,11 @@ class PlayedPolicy:
         if self.ended:
             return
         acting = self._braking() if self._waiting else self._actor
+        if acting is not self._acting:
+            self._acting, self._state = acting, None
         observations: NDArray[Any] = self._observation[None]
         actions, self._state = acting.act(observations, self._state, np.array([self._begins]))
-        self._begins = bool(self._waiting)
+        self._begins = False
         self._trail = [*self._trail[1 - TRAIL :], self.task.hand_position(0)]
         self._observation, _, terminated, truncated, self.info = self._env.step(actions[0])
         self.ended = bool(terminated or truncated)
@@ -120,6 +124,7 @@ class PlayedPolicy:
             "numbers": {each.key: each.read(self.task, record) for each in self._controls(points=False)},
             "ended": self.ended,
             "changed": self.changed,
+            "refusal": "" if self.ended or self._waiting else getattr(self._actor.policy, "refusal", ""),
             "outcome": self._outcome() if self.ended else "",
             "success": bool(self.info.get("is_success", False)),
         }
@@ -158,10 +163,12 @@ class PlayedPolicy:
         return FollowerExpert(task, goal, MOUSE_BANDWIDTH)
 
     def _braking(self) -> Actor:
-        """A policy that brings the arm to rest: a planner that never has a plan."""
+        """A policy that brings the arm to rest: a planner that never has a plan; its own if experts cannot act."""
         if self._brake is None:
-            self._brake = PlanningExpert(self.task, _no_plan)
-        return Actor(self._brake, self._env, "brake")
+            self._brake = self._actor
+            with suppress(ValueError):
+                self._brake = Actor(PlanningExpert(self.task, _no_plan), self._env, "brake")
+        return self._brake
 
 
 def _no_plan(problem: MotionProblem) -> Trajectory:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib import resources
 from typing import Any
 
@@ -81,6 +82,7 @@ class _Page:
         self._inbox: asyncio.Queue[Message] = asyncio.Queue(maxsize=200)
         # One thread a page: numba's code and planners run beside the server, one at a time.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="planarm-page")
+        self._bounding: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
         """Until the page is closed."""
@@ -92,6 +94,8 @@ class _Page:
                 each.cancel()
             await asyncio.gather(reader, writer, return_exceptions=True)
         finally:
+            if self._bounding is not None:
+                self._bounding.cancel()
             self._thread.submit(self._session.close)
             self._thread.shutdown(wait=False)
 
@@ -121,10 +125,25 @@ class _Page:
                 last = began
                 for answer in answers:
                     await self._socket.send_json(answer)
+                    if answer["kind"] == "episode":
+                        self._find_bound()
                 await self._socket.send_text(json.dumps(frame, separators=(",", ":")))
                 await asyncio.sleep(max(0.0, began + 1.0 / FRAMES - loop.time()))
         except (WebSocketDisconnect, RuntimeError):  # sending to a page that has gone
             return
+
+    def _find_bound(self) -> None:
+        """Compute the best known value in another thread, and send it if the page still plays that episode."""
+        if self._bounding is not None:
+            self._bounding.cancel()
+        compute = self._session.best_known()
+        if compute is not None:
+            self._bounding = asyncio.create_task(self._send_bound(compute))
+
+    async def _send_bound(self, compute: Callable[[], str]) -> None:
+        text = await asyncio.get_running_loop().run_in_executor(None, compute)
+        with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
+            await self._socket.send_json({"kind": "bound", "text": text})
 
     def _messages(self) -> list[Message]:
         """All that have come; of changes of one control, and places of the mouse, the last."""

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import Field
 
-from agents.environments import check_names
+from agents.environments import check_names, make_batch, task_type
 from agents.play.actor import YOU, Mouse, PlayedPolicy
 from agents.policies.files import shipped_agents
 from agents.policies.lookup import SHIPPED, NamedPolicy, find_policy
 from envs.card import env_ids, task_card
 from envs.experts import expert_names
 from envs.settings import Settings
-from planners import arm_names
+from planners import Infeasible, arm_names, load_arm
 
 MOST_POLICIES = 3
 
@@ -123,6 +124,29 @@ class Session:
         policies = [played.picture() for played in self._played]
         return {"kind": "frame", "running": self.running, "speed": self.speed, "policies": policies}
 
+    def best_known(self) -> Callable[[], str] | None:
+        """A function that computes the best known value of the episode, in words; None if there is none.
+
+        It may take seconds, and uses nothing of the session.
+        """
+        choice, bound = self._choice, task_card(self._choice.env).bound if self._choice else None
+        if choice is None or bound is None:
+            return None
+        metric = next(each for each in task_card(choice.env).metrics if each.key == bound.metric)
+        settings, options = self._settings(choice), _options(choice)
+
+        def compute() -> str:
+            with closing(make_batch(choice.env, 1, settings)) as env:
+                batch: Any = env.unwrapped
+                batch.reset(seed=[choice.seed], options=options)
+                try:
+                    value = bound.optimum(batch, 0, choice.seed)
+                except Infeasible:
+                    return ""
+            return f"best known: {metric.title} {metric.factor * value:.3g}"
+
+        return compute
+
     def close(self) -> None:
         """Close all environments."""
         for played in self._played:
@@ -142,12 +166,8 @@ class Session:
 
     def _choose(self, choice: Choice) -> dict[str, Any]:
         """Make the environments and policies of a choice; the old ones go on if that fails."""
-        settings = dict(self.settings)
-        if choice.arm is not None:
-            settings["arm"] = choice.arm
-        if choice.payload is not None:
-            settings["payload"] = choice.payload
-        check_names(choice.env, settings, {} if choice.scenario is None else {"scenario": choice.scenario})
+        settings = self._settings(choice)
+        check_names(choice.env, settings, _options(choice))
         mouse = Mouse()
         made: list[PlayedPolicy] = []
         try:
@@ -167,14 +187,18 @@ class Session:
             played.close()
         return described
 
+    def _settings(self, choice: Choice) -> dict[str, Any]:
+        """Settings of the environments of a choice."""
+        given = {"arm": choice.arm, "payload": choice.payload}
+        return {**self.settings, **{name: value for name, value in given.items() if value is not None}}
+
     def _find(self, name: str, env_id: str) -> NamedPolicy:
         return find_policy(name, env_id, allow_code=self.allow_code)
 
     def _begin(self, choice: Choice) -> dict[str, Any]:
         """Begin the episode of a choice; its description."""
-        options = {} if choice.scenario is None else {"scenario": choice.scenario}
         for played in self._played:
-            played.begin(choice.seed, options)
+            played.begin(choice.seed, _options(choice))
         self._choice, self._due = choice, 0.0
         task, card = self._played[0].task, self._played[0].card
         return {
@@ -186,6 +210,11 @@ class Session:
         }
 
 
+def _options(choice: Choice) -> dict[str, Any]:
+    """Options of the reset."""
+    return {} if choice.scenario is None else {"scenario": choice.scenario}
+
+
 def catalogue() -> list[dict[str, Any]]:
     """What a page can choose from: the tasks with their policies, arms and scenarios."""
     return [_described(env_id) for env_id in env_ids()]
@@ -194,15 +223,10 @@ def catalogue() -> list[dict[str, Any]]:
 def _described(env_id: str) -> dict[str, Any]:
     card = task_card(env_id)
     agent = [SHIPPED] if env_id in shipped_agents() else []
+    scenarios = task_type(env_id).options_type.model_fields.get("scenario")
     return {
         "env": env_id,
         "policies": [*agent, *expert_names(env_id), YOU],
-        "arms": [name for name in arm_names() if card.links and load_links(name) in card.links],
+        "arms": [name for name in arm_names() if load_arm(name).n_joints in card.links],
+        "scenarios": [name for name in get_args(scenarios.annotation) if name != "random"] if scenarios else [],
     }
-
-
-def load_links(name: str) -> int:
-    """Number of links of a preset."""
-    from planners import load_arm
-
-    return load_arm(name).n_joints

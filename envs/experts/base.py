@@ -33,6 +33,7 @@ class Expert(ABC):
         plans_made: number of motions planned so far.
         planning_seconds: time spent on them.
         infeasible: how many of the problems had no solution.
+        refusal: why the last of them had none; empty if it had one.
     """
 
     def __init__(self, task: Task) -> None:
@@ -40,6 +41,7 @@ class Expert(ABC):
         self.plans_made = 0
         self.planning_seconds = 0.0
         self.infeasible = 0
+        self.refusal = ""
         self._memory: Any = None
         self._adaptation: PayloadAdaptation | None = None
         self._payload: Array = np.zeros(0)
@@ -136,11 +138,12 @@ class Expert(ABC):
 
     def _plan(self, planner: Planner, problem: MotionProblem) -> Trajectory | None:
         """A plan, counted and timed; None if the problem has no solution."""
-        began = time.perf_counter()
+        began, self.refusal = time.perf_counter(), ""
         try:
             return planner(problem)
-        except Infeasible:
+        except Infeasible as error:
             self.infeasible += 1
+            self.refusal = str(error)
             return None
         finally:
             self.plans_made += 1
