@@ -14,7 +14,11 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH")])
 )
 
-MARKERS = {"rl": ("stable_baselines3", 'pip install "planarm[rl]"'), "moviepy": ("moviepy", "pip install moviepy")}
+MARKERS = {
+    "rl": ("stable_baselines3", 'pip install "planarm[rl]"'),
+    "moviepy": ("moviepy", "pip install moviepy"),
+    "browser": ("playwright", 'pip install "planarm[web]" playwright, and Chromium'),
+}
 """The module that tests with a marker need, and how to get it."""
 
 # The same examples in every run, so that a failure can be met again and belongs to the change that made it.

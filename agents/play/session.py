@@ -143,7 +143,7 @@ class Session:
                     value = bound.optimum(batch, 0, choice.seed)
                 except Infeasible:
                     return ""
-            return f"best known: {metric.title} {metric.factor * value:.3g}"
+            return f"best known {metric.factor * value:.3g}"
 
         return compute
 
@@ -166,6 +166,7 @@ class Session:
 
     def _choose(self, choice: Choice) -> dict[str, Any]:
         """Make the environments and policies of a choice; the old ones go on if that fails."""
+        task_card(choice.env)  # raises for an unknown id
         settings = self._settings(choice)
         check_names(choice.env, settings, _options(choice))
         mouse = Mouse()

@@ -1,0 +1,161 @@
+"""What `planarm play` plays: sessions driven by messages, without a browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.play.actor import YOU
+from agents.play.session import Choice, Message, Session, catalogue
+
+TASKS = ("ConveyorTrack-v0", "ExcavatorPayload-v0", "MinTorqueMove-v0", "ObstacleDodge-v0")
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    made = Session()
+    yield made
+    made.close()
+
+
+def chosen(session: Session, env: str, *policies: str, **more: Any) -> dict[str, Any]:
+    described = session.take(Message(do="choose", choice=Choice(env=env, policies=policies, **more)))
+    assert described is not None
+    return described
+
+
+def played(session: Session, seconds: float) -> list[dict[str, Any]]:
+    for _ in range(round(seconds / 0.05)):
+        session.advance(0.05)
+    policies = json.loads(json.dumps(session.frame(), allow_nan=False))["policies"]
+    assert isinstance(policies, list)
+    return policies
+
+
+def hand(policy: dict[str, Any]) -> Any:
+    return np.array(policy["scene"]["joints"][-1])
+
+
+@pytest.mark.parametrize("env", TASKS)
+def test_every_policy_of_every_task_plays(session: Session, env: str) -> None:
+    (task,) = [each for each in catalogue() if each["env"] == env]
+    for first in range(0, len(task["policies"]), 3):
+        names = task["policies"][first : first + 3]
+        chosen(session, env, *names)
+        for policy, name in zip(played(session, 0.3), names, strict=True):
+            assert policy["name"] == name
+            assert policy["ended"] or policy["scene"]["time"] == pytest.approx(0.3)
+
+
+def test_an_undisturbed_episode_ends_as_elsewhere(session: Session) -> None:
+    chosen(session, "ConveyorTrack-v0", "dpct", "follower")
+    dpct, follower = played(session, 3.1)
+    assert (dpct["success"], follower["success"]) == (True, False)
+    assert dpct["outcome"] == "settled at 1.76 s"
+    bound = session.best_known()
+    assert bound is not None
+    assert bound() == "best known 1.73"
+
+
+@pytest.mark.parametrize("name", ["lagrange", "follower"])
+def test_a_part_that_is_dragged_is_followed(session: Session, name: str) -> None:
+    chosen(session, "ConveyorTrack-v0", name)
+    played(session, 1.0)
+    session.take(Message(do="change", key="part", point=(0.2, 1.6)))
+    (policy,) = played(session, 2.9)
+    assert policy["changed"]
+    assert np.hypot(*(hand(policy) - policy["points"]["part"][0])) < 2e-3
+
+
+def test_dpct_says_why_it_has_no_motion(session: Session) -> None:
+    chosen(session, "ConveyorTrack-v0", "dpct")
+    played(session, 1.0)
+    session.take(Message(do="change", key="part", point=(0.2, 1.4)))
+    (policy,) = played(session, 0.2)
+    assert "line" in policy["refusal"]
+
+
+def test_the_belt_changes_its_speed(session: Session) -> None:
+    chosen(session, "ConveyorTrack-v0", "apf")
+    played(session, 0.5)
+    session.take(Message(do="change", key="belt_speed", number=-0.1))
+    (before,) = played(session, 0.0)
+    (after,) = played(session, 1.0)
+    assert after["points"]["part"][0][0] - before["points"]["part"][0][0] == pytest.approx(-0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["lagrange", "dpct", "agent"])
+def test_a_new_goal_begins_a_new_move_from_rest(session: Session, name: str) -> None:
+    chosen(session, "MinTorqueMove-v0", name)
+    played(session, 0.1)
+    session.take(Message(do="change", key="goal", point=(-0.4, 0.4)))
+    (policy,) = played(session, 4.0)
+    assert policy["ended"]
+    assert policy["success"]
+    np.testing.assert_allclose(hand(policy), [-0.4, 0.4], atol=0.02)
+
+
+def test_a_goal_out_of_reach_is_refused_and_the_episode_goes_on(session: Session) -> None:
+    chosen(session, "MinTorqueMove-v0", "lagrange")
+    with pytest.raises(ValueError, match="cannot be at"):
+        session.take(Message(do="change", key="goal", point=(5.0, 0.0)))
+    (policy,) = played(session, 2.0)
+    assert policy["success"]
+
+
+def test_discs_and_goals_move_and_the_fields_answer(session: Session) -> None:
+    chosen(session, "ObstacleDodge-v0", "apf")
+    played(session, 0.3)
+    session.take(Message(do="change", key="disc", point=(0.9, 0.9)))
+    session.take(Message(do="change", key="goal", point=(-0.5, -0.5)))
+    session.take(Message(do="change", key="radius", number=0.05))
+    (policy,) = played(session, 0.0)
+    np.testing.assert_allclose(policy["points"]["disc"], [[0.9, 0.9]], atol=1e-3)
+    (policy,) = played(session, 4.0)
+    assert policy["success"]
+    assert policy["scene"]["obstacles"][0][2] == 0.05
+    np.testing.assert_allclose(hand(policy), [-0.5, -0.5], atol=0.03)
+
+
+def test_the_bucket_is_filled_while_it_moves(session: Session) -> None:
+    chosen(session, "ExcavatorPayload-v0", "adaptive")
+    played(session, 1.0)
+    session.take(Message(do="change", key="payload", number=321.0))
+    (policy,) = played(session, 0.1)
+    assert policy["scene"]["bucket"] == pytest.approx(321.0 / 350.0, abs=1e-3)
+
+
+def test_the_hand_follows_the_mouse(session: Session) -> None:
+    chosen(session, "ObstacleDodge-v0", YOU)
+    session.take(Message(do="change", key="disc", point=(1.2, 1.2)))
+    session.take(Message(do="mouse", point=(0.3, -0.6)))
+    (policy,) = played(session, 2.0)
+    np.testing.assert_allclose(hand(policy), [0.3, -0.6], atol=0.02)
+
+
+def test_time_can_be_stopped_stepped_and_slowed(session: Session) -> None:
+    chosen(session, "ConveyorTrack-v0", "follower")
+    session.take(Message(do="pause"))
+    assert played(session, 1.0)[0]["scene"]["time"] == 0.0
+    session.take(Message(do="step"))
+    assert played(session, 1.0)[0]["scene"]["time"] == 0.02
+    session.take(Message(do="run"))
+    session.take(Message(do="speed", number=0.5))
+    assert played(session, 1.0)[0]["scene"]["time"] == pytest.approx(0.52)
+
+
+def test_what_cannot_be_chosen_leaves_the_old_episode(session: Session) -> None:
+    chosen(session, "ConveyorTrack-v0", "follower")
+    for wrong in (
+        Choice(env="ConveyorTrack-v1", policies=("dpct",)),
+        Choice(env="ConveyorTrack-v0", policies=("nobody",)),
+        Choice(env="ExcavatorPayload-v0", policies=("adaptive",), arm="SCARA_1M"),
+        Choice(env="ConveyorTrack-v0", policies=("dpct",), scenario="cycle"),
+    ):
+        with pytest.raises(ValueError, match=r"\w"):
+            session.take(Message(do="choose", choice=wrong))
+    assert played(session, 0.5)[0]["scene"]["time"] == pytest.approx(0.5)

@@ -1,0 +1,184 @@
+"""`planarm play` in a real browser: what a visitor sees and does."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.browser
+CHROMIUM = os.environ.get("PLANARM_CHROMIUM") or shutil.which("chromium")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    command = [sys.executable, "-m", "agents.cli", "play", "--no-browser", "--policies", "dpct", "lagrange"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        line = server.stdout.readline()
+        assert line.startswith("playing at http://127.0.0.1:")
+        yield line.split()[2]
+        server.send_signal(signal.SIGINT)
+        out, errors = server.communicate(timeout=10)
+        assert (server.returncode, out, errors) == (130, "", "")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: install it, or name it in PLANARM_CHROMIUM")
+    with api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Iterator[Any]:
+    yield from opened(browser, address)
+
+
+def opened(browser: Any, address: str, **options: Any) -> Iterator[Any]:
+    """A page that has drawn its first frame; it must not complain, nor ask for anything elsewhere."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True, **options)
+    page, complaints = context.new_page(), []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: complaints.append(request.url) if not local(request.url, address) else None)
+    page.goto(address)
+    page.wait_for_function("document.getElementById('clock').textContent.startsWith('0.')")
+    yield page
+    context.close()
+    assert complaints == []
+
+
+def local(url: str, address: str) -> bool:
+    return url.startswith((address, "data:"))
+
+
+def colors(page: Any, canvas: int = 0) -> dict[str, int]:
+    """How many pixels of a canvas have each colour."""
+    counted: dict[str, int] = page.evaluate(
+        """index => {
+          const canvas = document.querySelectorAll("canvas")[index];
+          const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          const counts = {};
+          for (let i = 0; i < data.length; i += 4) {
+            const key = [data[i], data[i + 1], data[i + 2]].join();
+            counts[key] = (counts[key] || 0) + 1;
+          }
+          return counts;
+        }""",
+        canvas,
+    )
+    return counted
+
+
+def drag(page: Any, point: tuple[float, float], to: tuple[float, float]) -> None:
+    """Drag from one place of the first canvas to another, as shares of its width and height."""
+    box = page.locator("canvas").first.bounding_box()
+    page.mouse.move(box["x"] + point[0] * box["width"], box["y"] + point[1] * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + to[0] * box["width"], box["y"] + to[1] * box["height"], steps=5)
+    page.mouse.up()
+
+
+def test_arm_part_belt_and_gauges_are_drawn(page: Any) -> None:
+    found = colors(page)
+    assert found["86,96,112"] > 3000  # the belt
+    assert found["240,160,60"] + found.get("46,168,124", 0) > 50  # the part, waiting or settled
+    assert page.locator("canvas").count() == 2
+    assert page.locator(".gauges").first.locator(".bar").count() == 5  # two torques; velocity, acceleration, jerk
+    assert page.locator(".view h2").all_text_contents()[0].startswith("dpct")
+
+
+def test_verdicts_stand_beside_the_bound_and_the_next_seed_follows(page: Any) -> None:
+    page.wait_for_function("document.querySelector('.verdict').textContent.includes('best known')", timeout=20_000)
+    assert "settled at 1.76 s (best known 1.73)" in page.locator(".verdict").first.text_content()
+    page.wait_for_function("document.getElementById('seed').value === '1'", timeout=10_000)
+
+
+def test_a_goal_that_is_dragged_is_reached(page: Any) -> None:
+    page.select_option("#task", "MinTorqueMove-v0")
+    page.wait_for_function("document.querySelectorAll('.gauges')[0].textContent.includes('torque 3')")
+    page.uncheck("#auto")
+    page.wait_for_function("document.querySelector('.verdict').textContent !== ''", timeout=20_000)
+    target = page.evaluate(TARGET)
+    drag(page, tuple(target), (0.5, 0.3))
+    page.wait_for_function("document.querySelector('.verdict').textContent === ''")
+    page.wait_for_function("document.querySelector('.verdict').textContent.includes('torque')", timeout=20_000)
+    x, y = page.evaluate(TARGET)
+    assert abs(x - 0.5) < 0.02
+    assert abs(y - 0.3) < 0.02
+
+
+TARGET = """() => {
+  const canvas = document.querySelector("canvas");
+  const {data, width, height} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let [x, y, n] = [0, 0, 0];
+  for (let i = 0; i < data.length; i += 4)
+    if (data[i] === 46 && data[i + 1] === 168 && data[i + 2] === 124) {
+      x += (i / 4) % width; y += Math.floor(i / 4 / width); n += 1;
+    }
+  return [x / n / width, y / n / height];
+}"""
+"""The middle of the cross-hair on the first canvas, as shares of its width and height."""
+
+
+def test_policies_switch_and_overlay(page: Any) -> None:
+    page.get_by_role("button", name="apf", exact=True).click()
+    page.wait_for_function("document.querySelectorAll('canvas').length === 3")
+    page.keyboard.press("g")
+    page.wait_for_function("document.querySelectorAll('canvas').length === 1")
+    assert [name in page.locator(".view h2").text_content() for name in ("dpct", "lagrange", "apf")] == [True] * 3
+    page.keyboard.press("g")
+    page.get_by_role("button", name="dpct", exact=True).click()
+    page.wait_for_function("document.querySelectorAll('canvas').length === 2")
+
+
+def test_keys_stop_and_step(page: Any) -> None:
+    page.keyboard.press("Space")
+    page.wait_for_function("document.getElementById('run').textContent === 'Run'")
+    page.wait_for_timeout(200)
+    before = page.text_content("#clock")
+    page.keyboard.press(".")
+    page.wait_for_function("text => document.getElementById('clock').textContent !== text", arg=before)
+    assert float(page.text_content("#clock").split()[0]) == pytest.approx(float(before.split()[0]) + 0.02)
+
+
+def test_two_pages_do_not_disturb_each_other(page: Any, browser: Any, address: str) -> None:
+    page.keyboard.press("Space")
+    for other in opened(browser, address):
+        other.select_option("#task", "ObstacleDodge-v0")
+        other.wait_for_function("document.querySelectorAll('#sliders input').length === 1")
+        other.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.3", timeout=20_000)
+    assert page.input_value("#task") == "ConveyorTrack-v0"
+    assert page.text_content("#run") == "Run"
+
+
+def test_a_telephone_shows_everything(browser: Any, address: str) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 800}, color_scheme="dark", bypass_csp=True)
+    page = context.new_page()
+    page.goto(address)
+    page.wait_for_function("document.getElementById('clock').textContent !== ''")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert colors(page)["58,68,85"] > 500  # the belt's dark colour
+    context.close()
+
+
+def test_other_sites_may_not_connect(browser: Any, address: str) -> None:
+    page = browser.new_page()
+    page.goto("about:blank")
+    closed = page.evaluate(
+        "address => new Promise(done => { const s = new WebSocket(address); s.onclose = e => done(e.code); })",
+        address.replace("http", "ws") + "play",
+    )
+    assert closed in (1006, 1008)
+    page.close()
