@@ -137,7 +137,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def resume(self) -> Observation:
         """The observation after a control of the task's card was used; an episode that was over goes on."""
         self._needs_reset = False
-        return self._observation.copy()
+        observation: Observation = self._observation.copy()
+        return observation
 
     def joint_state(self) -> tuple[Array, Array]:
         """Joint angles (rad) and velocities (rad/s), each ``(n,)``."""

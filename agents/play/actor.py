@@ -63,7 +63,8 @@ class PlayedPolicy:
 
     def __post_init__(self) -> None:
         self._env: Any = make_one(self.env_id, self.named.settings(self.settings))
-        self.task: Task = self._env.unwrapped.task
+        unwrapped: Any = self._env.unwrapped
+        self.task: Task = unwrapped.task
         self.card: TaskCard = task_card(self.env_id)
         policy: Any = self._follower() if self.named.name == YOU else self.named.policy
         self._actor = Actor(policy, self._env, self.named.name)

@@ -71,7 +71,8 @@ async def _file(request: Request) -> Response:
 
 def _same_origin(socket: WebSocket) -> bool:
     """Whether a page of this server asks: other pages in the browser may not."""
-    return socket.headers.get("origin") == f"http://{socket.headers.get('host')}"
+    headers = socket.headers
+    return bool(headers.get("origin") == f"http://{headers.get('host')}")
 
 
 class _Page:

@@ -36,9 +36,9 @@ class Choice(Settings):
 
     env: str
     policies: tuple[str, ...] = Field(min_length=1, max_length=MOST_POLICIES)
-    seed: int = Field(0, ge=0, le=2**53)
+    seed: int = Field(default=0, ge=0, le=2**53)
     arm: str | None = None
-    payload: float | None = Field(None, ge=0.0, le=2.0)
+    payload: float | None = Field(default=None, ge=0.0, le=2.0)
     scenario: str | None = None
 
 
@@ -57,10 +57,10 @@ class Message(Settings):
 
     do: Literal["choose", "restart", "run", "pause", "step", "speed", "change", "mouse"]
     choice: Choice | None = None
-    seed: int | None = Field(None, ge=0, le=2**53)
+    seed: int | None = Field(default=None, ge=0, le=2**53)
     key: str | None = None
     point: tuple[float, float] | None = None
-    index: int = Field(0, ge=0, le=8)
+    index: int = Field(default=0, ge=0, le=8)
     number: float | None = None
 
 
