@@ -24,6 +24,7 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "benchmark": Command("agents.commands.benchmark", "BenchmarkOptions", "score policies on tasks, beside the bound"),
+    "report": Command("agents.commands.report", "ReportOptions", "a page or figures from benchmark results"),
     "evaluate": Command("agents.commands.evaluate", "EvaluateOptions", "score a policy on a task, beside others"),
     "play": Command("agents.commands.play", "PlayOptions", "watch policies in the browser, and interfere"),
     "rollout": Command("agents.commands.rollout", "RolloutOptions", "show or record one episode"),
@@ -40,7 +41,7 @@ COMMANDS = {
     ),
 }
 
-OUTPUTS = ("json", "plot", "record", "csv")  # options that name a file to write
+OUTPUTS = ("json", "plot", "record", "csv", "report")  # options that name a file to write
 
 DESCRIPTION = """\
 Simulated planar robot arms, with classical planners and trained agents for the same tasks.

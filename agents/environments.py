@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from envs.card import load
+from envs.card import TaskCard, env_ids, load, task_card
 from envs.settings import refuse_unknown
 from planners import arm_document, arm_names, load_arm
 
@@ -98,6 +98,11 @@ def check_names(env_id: str, settings: Mapping[str, Any], options: Mapping[str, 
                     f'in Python as {argument}={{"{name}": ...}}'
                 )
         refuse_unknown(given, known, f"{env_id} {what}")
+
+
+def card_of(env_id: str) -> TaskCard:
+    """The card of a task; an empty one for an environment that is not registered with planarm."""
+    return task_card(env_id) if env_id in env_ids() else TaskCard(metrics=(), experts={})
 
 
 def portable(settings: Mapping[str, Any]) -> dict[str, Any]:

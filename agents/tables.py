@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from rich import box
@@ -30,6 +30,7 @@ class Interval(Protocol):
 
 
 _MARKDOWN_WIDTH = 10_000  # characters: a row of Markdown must stay on one line
+_UNBOUNDED = Console(width=_MARKDOWN_WIDTH)
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,45 @@ class Table:
     rows: Sequence[Sequence[str]]  # one cell a column
     caption: str = ""  # what its numbers are; may be empty
     text_columns: int = 1  # how many of the first columns hold text, which is aligned to the left
+    foremost: Sequence[str] = ()  # headers that a terminal shows, as many of the first as fit beside the text columns
+    brief: str = ""  # caption for a terminal, if it has foremost columns
 
-    def show(self, console: Console | None = None) -> None:
-        """Print it to a console, stdout if none is given."""
+    def show(self, console: Console | None = None, *, markdown: bool = False, wide: bool = False) -> None:
+        """Print it.
+
+        Args:
+            console: where to; stdout if none is given.
+            markdown: whether to print Markdown on a terminal too.
+            wide: whether a terminal shows all columns, although some are folded; by default it shows the foremost ones,
+                if there are any, and then the others, as far as they fit.
+        """
         console = console or Console()
-        if console.is_terminal:
-            self._print(console, self.title, self._rich(box.SIMPLE_HEAD, narrow=True))
+        if console.is_terminal and not markdown:
+            shown = self if wide or not self.foremost else self._fitting(console)
+            shown._print(console, self.title, shown._rich(box.SIMPLE_HEAD, narrow=True))
         else:
-            wide = Console(file=console.file, width=_MARKDOWN_WIDTH)
-            self._print(wide, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+            unbroken = Console(file=console.file, width=_MARKDOWN_WIDTH)
+            self._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+
+    def _fitting(self, console: Console) -> Table:
+        """The table with as many columns as fit, at least one beside the text, and a caption that names the others."""
+        texts = list(range(self.text_columns))
+        others = [self.headers.index(header) for header in self.foremost if header in self.headers]
+        others += [place for place in range(self.text_columns, len(self.headers)) if place not in others]
+        count, shown = len(others), self
+        while count > 1 and shown._terminal_width() > console.width:
+            count -= 1
+            shown = self._columns(sorted([*texts, *others[:count]]))
+        hidden = [self.headers[place] for place in sorted(others[count:])]
+        more = f"Not shown: {', '.join(hidden)} (--wide)." if hidden else ""
+        return replace(shown, caption=f"{self.brief} {more}".strip())
+
+    def _terminal_width(self) -> int:
+        return self._rich(box.SIMPLE_HEAD, narrow=True).__rich_measure__(_UNBOUNDED, _UNBOUNDED.options).maximum
+
+    def _columns(self, places: Sequence[int]) -> Table:
+        rows = [[row[place] for place in places] for row in self.rows]
+        return replace(self, headers=[self.headers[place] for place in places], rows=rows)
 
     def _print(self, console: Console, heading: str, table: RichTable) -> None:
         parts = (Text(heading, style="bold"), table, Text(f"{self.caption}\n"))

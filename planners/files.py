@@ -105,7 +105,12 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write strict JSON atomically; NumPy arrays become lists, inf and NaN null."""
-    write_text(path, json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
+    write_text(path, json_text(document))
+
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """Strict JSON as `write_json` writes it."""
+    return json.dumps(_plain(document), indent=1, allow_nan=False) + "\n"
 
 
 def _plain(value: Any) -> Any:

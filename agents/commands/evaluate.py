@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 import envs
-from agents.commands.benchmark import run_and_print
 from agents.environments import import_env, is_in_module
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import BenchmarkConfig
 from agents.policies.agent import ACTION_SETTINGS
 from agents.policies.files import load_agent
 from agents.policies.lookup import SHIPPED, find_policy
+from agents.report.outputs import ScoreOutputs, run_and_print
 from agents.yaml_config import assigned
 from envs.experts import is_expert
 
 
 @dataclass(frozen=True)
-class EvaluateOptions:
+class EvaluateOptions(ScoreOutputs):
     """Score a policy: an expert, an agent that was trained here, a model of Stable-Baselines3, or one of your own.
 
     The same seed begins the same episode for every policy, so that --against compares in pairs. A policy of your own
@@ -53,8 +52,6 @@ class EvaluateOptions:
     """key=value for each option of the reset, such as belt_speed=0.2 or scenario=paper."""
     num_envs: int = 256
     """Episodes that run at once."""
-    json: Path | None = None
-    """Write every episode, with versions and seeds, to this file."""
     allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
@@ -77,6 +74,8 @@ class EvaluateOptions:
                 }
             ],
         }
+        if self.replays is not None:
+            settings["replays"] = self.replays
         config = BenchmarkConfig.parse(settings, "evaluation setting")
         return Benchmark(config, compared=(named.name,), allow_code=self.allow_code)
 
@@ -93,4 +92,4 @@ class EvaluateOptions:
 
 def run(options: EvaluateOptions) -> int:
     """Evaluate and print; the exit code."""
-    return run_and_print(options.resolve(), options.json)
+    return run_and_print(options.resolve(), options)

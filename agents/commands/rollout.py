@@ -16,9 +16,9 @@ import envs
 from agents.commands.reset_options import given_options
 from agents.console import note
 from agents.environments import check_names, check_seed, import_env, make_one
-from agents.figures.episode_record import play
 from agents.figures.film import Film, require_recordable
 from agents.policies.lookup import find_policy
+from agents.policies.play import play
 from agents.tables import Table
 from agents.yaml_config import assigned
 from envs.experts import expert_names

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import envs
-from agents.environments import check_names, make_batch
+from agents.environments import check_names, make_batch, task_type
 from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask
 from agents.evaluation.evaluate import Progress, evaluate
 from agents.evaluation.leaderboard import TaskResult
+from agents.evaluation.replays import record_replays
 from agents.evaluation.results import Evaluation
 from agents.evaluation.scoreboard import Scoreboard, add_settings
 from agents.policies.lookup import AnyPolicy, NamedPolicy, name_policies
@@ -55,6 +56,15 @@ class Benchmark:
         return sum(
             self._episodes(task) * len(task.policies or self.config.policies) + self._bounded(task)
             for task in self.config.tasks
+        )
+
+    @property
+    def total_replays(self) -> int:
+        """Episodes to record."""
+        return sum(
+            min(self._episodes(task), self.config.replays) * len(task.policies or self.config.policies)
+            for task in self.config.tasks
+            if task_type(task.env) is not None
         )
 
     def policies(self, task: BenchmarkTask) -> list[NamedPolicy]:
@@ -107,6 +117,12 @@ class Benchmark:
                 begin(f"{task.title}: bound")
                 result.bounds = self._best_known(task, bound, seeds[: self._bounded(task)].tolist(), progress)
         self.board.complete = True
+
+    def record(self, begin: Callable[[str], object], progress: Progress) -> None:
+        """Record replays of what `fill` has scored, of the seeds that `seeds_to_record` chooses."""
+        for result in self.board.results:
+            begin(f"{result.task.title}: replays")
+            result.replays = record_replays(result, self.policies(result.task), self.config.replays, progress)
 
     def _evaluate(
         self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Progress

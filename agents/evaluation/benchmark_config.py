@@ -82,6 +82,7 @@ class BenchmarkConfig(Settings):
         policies: names of experts, ``agent`` for the agent shipped for the environment, paths of runs and agents,
             ``module:name`` for your own.
         tasks: on which they act.
+        replays: number of seeds of each task whose episodes are recorded for the report, of every policy.
     """
 
     episodes: int = Field(ge=1)
@@ -90,6 +91,7 @@ class BenchmarkConfig(Settings):
     num_envs: int = Field(256, ge=1)
     policies: tuple[str, ...] = Field(min_length=1)
     tasks: tuple[BenchmarkTask, ...] = Field(min_length=1)
+    replays: int = Field(8, ge=0)
 
 
 def configure(config: str, changes: Mapping[str, Any], tasks: Sequence[str] | None = None) -> BenchmarkConfig:

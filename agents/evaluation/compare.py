@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.environments import card_of
 from agents.evaluation import statistics
 from agents.evaluation.results import Evaluation
 from agents.evaluation.statistics import Estimate
-from agents.evaluation.summarise import card_of
 from agents.tables import Table, interval_text, number_text
 from envs.card import Metric
 from planners.typing import Array
@@ -34,11 +35,14 @@ class Pair:
     improvement: Estimate
 
 
-def paired(policy: Evaluation, against: Evaluation) -> Pair:
-    """A policy minus another; a ValueError if they were not evaluated on the same episodes."""
+def paired(policy: Evaluation, against: Evaluation, metric: Metric | None = None) -> Pair:
+    """A policy minus another; a ValueError if they were not evaluated on the same episodes.
+
+    ``metric`` is the primary one, by default that of the task's card.
+    """
     if policy.env_id != against.env_id or not np.array_equal(policy.seeds, against.seeds):
         raise ValueError(f"{policy.policy} and {against.policy} were evaluated on different episodes")
-    metric = card_of(policy.env_id).primary
+    metric = metric or card_of(policy.env_id).primary
     returns = policy.returns - against.returns
     gains, estimate = returns, None
     if metric is not None:
@@ -54,12 +58,15 @@ def paired(policy: Evaluation, against: Evaluation) -> Pair:
     )
 
 
-def compare_all(evaluations: Sequence[Evaluation], compared: Iterable[str]) -> list[Pair]:
-    """Each of some policies of a task against each of the others, and against those of them that come later."""
+def compare_all(evaluations: Sequence[Evaluation], compared: Iterable[str], metric: Metric | None = None) -> list[Pair]:
+    """Each of some policies of a task against each of the others, and against those of them that come later.
+
+    ``metric`` is as in `paired`.
+    """
     names = set(compared)
     ours = [evaluation for evaluation in evaluations if evaluation.policy in names]
     others = [evaluation for evaluation in evaluations if evaluation.policy not in names]
-    return [paired(one, other) for place, one in enumerate(ours) for other in [*others, *ours[place + 1 :]]]
+    return [paired(one, other, metric) for place, one in enumerate(ours) for other in [*others, *ours[place + 1 :]]]
 
 
 def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:
@@ -79,7 +86,14 @@ def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:
         "bad), interquartile mean of the differences of the return. Better: share of episodes in which the first does "
         "better by the primary metric, ties by half."
     )
-    return Table("", headers, rows, caption)
+    return Table(
+        "",
+        headers,
+        rows,
+        caption,
+        foremost=(headers[-3] if metric else "return", "better (%)"),
+        brief="The first policy minus the second, on the same episodes, with 95 % intervals.",
+    )
 
 
 def as_documents(pairs: Iterable[Pair]) -> list[dict[str, Any]]:
@@ -88,6 +102,15 @@ def as_documents(pairs: Iterable[Pair]) -> list[dict[str, Any]]:
         {name: vars(value) if isinstance(value, Estimate) else value for name, value in vars(pair).items()}
         for pair in pairs
     ]
+
+
+def worst_first(evaluation: Evaluation, metric: Metric | None) -> NDArray[np.int64]:
+    """Indices of the episodes ``(episodes,)``: by success, then by a metric, then by the return, the worst first."""
+    badness = np.where(evaluation.success, 0.0, np.inf)
+    if metric is not None:
+        achieved = _achieved(evaluation, metric)
+        badness = achieved if metric.lower_is_better else -achieved
+    return np.lexsort((evaluation.returns, -badness))
 
 
 def _signed(value: float) -> str:

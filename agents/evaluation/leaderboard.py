@@ -26,7 +26,7 @@ class TaskResult:
     ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
     ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's;
     ``assumptions`` say what is taken for granted about a policy; ``compared`` names the policies whose episodes are
-    compared with those of all others.
+    compared with those of all others; ``replays`` are recorded episodes (`agents.evaluation.replays`).
     """
 
     task: BenchmarkTask
@@ -36,11 +36,20 @@ class TaskResult:
     action_configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     assumptions: list[str] = field(default_factory=list)
     compared: tuple[str, ...] = ()
+    replays: Mapping[str, Any] | None = None
 
     @property
     def card(self) -> TaskCard:
         """The card of the task."""
         return card_of(self.task.env)
+
+    @property
+    def ranked(self) -> list[Evaluation]:
+        """Best policy first: by success, then by return."""
+        mean_return = {
+            id(each): statistics.interquartile_mean(each.returns, bootstrap=False).value for each in self.evaluations
+        }
+        return sorted(self.evaluations, key=lambda each: (-each.success.mean(), -mean_return[id(each)]))
 
     @property
     def bounded(self) -> tuple[Bound, Array] | None:
@@ -61,13 +70,11 @@ class TaskResult:
 
 
 def leaderboard(result: TaskResult) -> Table:
-    """The table of one task, best policy first: by success, then by return."""
+    """The table of one task, best policy first."""
     metrics, bounded = result.card.metrics, result.bounded
     headers = ["policy", "success (%)", *(metric.title for metric in metrics), *(["over bound"] if bounded else [])]
     headers += ["limit ratio", "broken (%)", "return", "plan (ms)", "step (us)"]
-    scored = [(evaluation, result.summarise(evaluation)) for evaluation in result.evaluations]
-    scored.sort(key=lambda row: (-row[1]["success"].value, -row[1]["return"].value))
-    rows = [list(_policy_cells(result, *row)) for row in scored]
+    rows = [list(_policy_cells(result, each, result.summarise(each))) for each in result.ranked]
     references: list[tuple[str, str, str, float]] = []
     if bounded is not None:
         bound, values = bounded
@@ -79,7 +86,15 @@ def leaderboard(result: TaskResult) -> Table:
         cells = [number_text(value * metric.factor) if metric.key == key else "" for metric in metrics]
         rows.append([name, success, *cells, *([""] * (len(headers) - 2 - len(cells)))])
     count = f"{len(result.seeds)} {'episode' if len(result.seeds) == 1 else 'episodes'}"
-    return Table(f"{result.task.title}: {count}", headers, rows, " ".join(_caption(result)))
+    primary = result.card.primary
+    return Table(
+        f"{result.task.title}: {count}",
+        headers,
+        rows,
+        " ".join(_caption(result)),
+        foremost=("success (%)", *([primary.title] if primary else []), "over bound", "broken (%)", "return"),
+        brief="Success and return with 95 % intervals, all else medians.",
+    )
 
 
 def _policy_cells(result: TaskResult, evaluation: Evaluation, estimates: dict[str, Estimate]) -> Iterator[str]:
@@ -129,6 +144,9 @@ def as_document(result: TaskResult) -> dict[str, Any]:
         "policies": [_evaluation_document(result, evaluation) for evaluation in result.evaluations],
         "bound": bounded and {"seeds": result.seeds[: len(bounded[1])], bounded[0].metric: bounded[1]},
         "published": task.published and task.published.model_dump(),
+        "metrics": [vars(metric) for metric in result.card.metrics],
+        "bound_meaning": bounded and bounded[0].meaning,
+        "replays": result.replays,
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -55,10 +56,27 @@ class Scoreboard:
                 tables.append(comparison(result.task.env, pairs))
         return tables
 
-    def show(self, console: Console | None = None) -> None:
-        """Print the tables, to stdout if no console is given."""
+    def show(self, console: Console | None = None, *, markdown: bool = False, wide: bool = False) -> None:
+        """Print the tables, as `Table.show`."""
         for table in self.tables:
-            table.show(console)
+            table.show(console, markdown=markdown, wide=wide)
+
+    def csv(self) -> str:
+        """Every number in SI units with its interval, one a line: of a policy, or of a difference to another."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(("task", "policy", "against", "number", "value", "low", "high"))
+        for result in self.results:
+            for each in result.ranked:
+                for name, estimate in result.summarise(each).items():
+                    writer.writerow((result.task.title, each.policy, "", name, *vars(estimate).values()))
+                for name in ("planning_ms", "policy_us"):
+                    writer.writerow((result.task.title, each.policy, "", name, getattr(each.timing, name), "", ""))
+            for pair in pairs_of(result):
+                for name in ("success", "metric", "returns", "improvement"):
+                    if (estimate := getattr(pair, name)) is not None:
+                        writer.writerow((result.task.title, pair.policy, pair.against, name, *vars(estimate).values()))
+        return text.getvalue()
 
     def document(self) -> dict[str, Any]:
         """Everything, for JSON."""

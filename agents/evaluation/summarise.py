@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-import envs
+from agents.environments import card_of as card_of
 from agents.evaluation import statistics
 from agents.evaluation.results import Evaluation
 from agents.evaluation.statistics import Estimate
 from agents.tables import number_text, share_text
-from envs.card import Metric, TaskCard
+from envs.card import Metric
 
 LIMIT_TOLERANCE = 0.005  # share by which a limit may be exceeded before an episode counts as one that breaks it
 
@@ -51,11 +51,6 @@ def training_scores(evaluation: Evaluation) -> dict[str, Estimate]:
 def values_of(estimates: dict[str, Estimate]) -> dict[str, float]:
     """Estimates without their intervals."""
     return {name: estimate.value for name, estimate in estimates.items()}
-
-
-def card_of(env_id: str) -> TaskCard:
-    """The card of a task; an empty one for an environment that is not registered with planarm."""
-    return envs.task_card(env_id) if env_id in envs.env_ids() else TaskCard(metrics=(), experts={})
 
 
 def metric_text(metric: Metric, evaluation: Evaluation, estimates: dict[str, Estimate]) -> str:

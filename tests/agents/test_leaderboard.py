@@ -48,9 +48,9 @@ def result() -> TaskResult:
     )
 
 
-def printed(result: TaskResult, *, terminal: bool, width: int = 80) -> str:
+def printed(result: TaskResult, *, terminal: bool, width: int = 80, wide: bool = False) -> str:
     file = io.StringIO()
-    leaderboard(result).show(Console(file=file, width=width, force_terminal=terminal, color_system=None))
+    leaderboard(result).show(Console(file=file, width=width, force_terminal=terminal, color_system=None), wide=wide)
     return file.getvalue()
 
 
@@ -85,8 +85,18 @@ def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:
     assert "Somebody, 1992. Of its own." in text
 
 
-def test_eighty_columns_show_every_cell(result: TaskResult) -> None:
-    text = printed(result, terminal=True)
+def test_a_terminal_shows_the_foremost_columns_that_fit(result: TaskResult) -> None:
+    for width in (60, 80, 120):
+        text = printed(result, terminal=True, width=width)
+        assert max(map(len, text.splitlines())) <= width
+        for cell in ("settled", "success", "1.300", "never", "1.100", "100 (51-100)"):
+            assert cell in text
+    assert "--wide" not in text  # all fit
+    assert "Not shown: error (mm), limit ratio, return" in " ".join(printed(result, terminal=True, width=60).split())
+
+
+def test_a_terminal_shows_every_cell_if_asked_to(result: TaskResult) -> None:
+    text = printed(result, terminal=True, wide=True)
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
     for cell in ("1.300", "0.200", "never", "5.000", "2.000", "1.100"):

@@ -14,8 +14,8 @@ from PIL import Image
 
 import agents
 from agents.commands.rollout import RolloutOptions, run
-from agents.figures.episode_record import play
 from agents.figures.film import Film
+from agents.policies.play import play
 from envs.rendering import palette
 
 ENV_ID = "ConveyorTrack-v0"

@@ -1,0 +1,1 @@
+"""The report of a benchmark: one HTML file, and its charts as figures for papers."""

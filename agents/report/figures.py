@@ -1,0 +1,198 @@
+"""The charts of a report as figures for papers, PDF and SVG: the same file for the same results, fonts embedded."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from agents.evaluation.compare import Pair
+from agents.evaluation.statistics import Estimate
+from agents.figures.sheet import Axes, Figure, new_sheet
+from agents.report.axes import span
+from agents.report.numbers import Quantity, costs, differences, profiles, quantities
+from agents.report.page import policy_colors
+from agents.report.results_file import Results, TaskScores
+from agents.report.side_by_side import side_by_side
+from agents.tables import percent_text
+from planners.files import write_bytes
+
+COLORS = (
+    "#2f80c4",
+    "#d9642a",
+    "#2a9467",
+    "#a24bb0",
+    "#b07d00",
+    "#5b6475",
+    "#0d8f9c",
+    "#d1376b",
+    "#86624a",
+    "#5a5bd0",
+)
+"""Of policies, those of the page on light ground."""
+_WIDTH, _ROW = 3.4, 0.21  # of a figure and of one of its rows, inches: a column of a paper
+_STYLE = {"font.size": 8.0, "pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "planarm"}
+
+
+def write_figures(files: Sequence[tuple[str, Results]], folder: Path) -> int:
+    """Write every chart of every task into a folder, as PDF and as SVG; how many files there are.
+
+    Raises:
+        ModuleNotFoundError: without matplotlib, the viz extra.
+        ValueError: if two tasks would have files of the same name.
+    """
+    new_sheet(1.0, 1.0)  # says first how to install matplotlib
+    import matplotlib
+
+    tasks = side_by_side(files)
+    colors = {name: COLORS[number] for name, number in policy_colors(files, tasks).items()}
+    count, taken = 0, set[str]()
+    with matplotlib.rc_context(_STYLE):  # type: ignore[arg-type]
+        for task in tasks:
+            for name, sheet in task_figures(task, colors):
+                stem = re.sub(r"[^\w.-]+", "_", f"{task.task}_{name}")
+                if stem in taken:
+                    raise ValueError(f"two tasks are called {task.task}: give one file of results after the other")
+                taken.add(stem)
+                for suffix in (".pdf", ".svg"):
+                    write_bytes(folder / f"{stem}{suffix}", _content(sheet, suffix))
+                    count += 1
+    return count
+
+
+def task_figures(task: TaskScores, colors: Mapping[str, str]) -> Iterator[tuple[str, Figure]]:
+    """The charts of a task, each with its name: points of three quantities, profiles, differences, costs."""
+    for quantity in quantities(task)[: 3 if task.primary else 2]:
+        yield quantity.column, _sheet(len(task.policies), partial(_points, task, quantity, colors))
+    if task.primary is not None:
+        yield "profile", _sheet(11 + len(task.policies) // 3, partial(_profiles, task, colors))
+    if pairs := differences(task):
+        yield "differences", _sheet(len(pairs), partial(_differences, task, pairs, colors))
+    yield "cost", _sheet(10, partial(_costs, task, colors))
+
+
+def _sheet(rows: int, draw: Callable[[Axes], None]) -> Figure:
+    sheet = new_sheet(_WIDTH, 0.55 + _ROW * rows)
+    axes = sheet.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    draw(axes)
+    return sheet
+
+
+def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axes: Axes) -> None:
+    rows = [(each.policy, quantity.of(each)) for each in task.policies]
+    shown = [(name, estimate) for name, estimate in rows if estimate is not None]
+    lines = [("bound", quantity.bound, "--"), ("paper", quantity.published, ":")]
+    known = [value for _, value, _ in lines if value is not None]
+    numbers = [(each.low, each.value, each.high) for _, each in shown]
+    low, high = (0.0, 100.0) if quantity.share else span(numbers, known)
+    for name, value, style in lines:
+        if value is not None:
+            axes.axvline(value, color="black", linewidth=0.9, linestyle=style)
+            axes.annotate(name, (value, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=7)
+    for row, (name, estimate) in enumerate(shown):
+        _row(axes, row, estimate, (low, high), colors[name])
+    axes.set_yticks(range(len(shown)), [_plain(name) for name, _ in shown])
+    axes.set(xlim=_widened(low, high), ylim=(len(shown) - 0.5, -0.5), xlabel=_plain(quantity.title))
+    axes.grid(visible=False, axis="y")
+
+
+def _differences(task: TaskScores, pairs: Sequence[Pair], colors: Mapping[str, str], axes: Axes) -> None:
+    metric = task.primary
+    quantity = Quantity(metric.key, metric.title, metric.factor) if metric else Quantity("return", "return")
+    rows = [(pair, (pair.metric or pair.returns).times(quantity.factor)) for pair in pairs]
+    low, high = span([(each.low, each.value, each.high) for _, each in rows], [0.0])
+    axes.axvline(0.0, color="black", linewidth=0.9)
+    for row, (pair, estimate) in enumerate(rows):
+        _row(axes, row, estimate, (low, high), colors[pair.policy])
+        text = f"{percent_text(pair.improvement.value)} %"
+        axes.annotate(text, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=7)
+    axes.annotate("better in", (1.02, 1.0), xycoords="axes fraction", va="bottom", fontsize=7)
+    axes.set_yticks(range(len(rows)), [_plain(f"{pair.policy} \u2212 {pair.against}") for pair, _ in rows])
+    title = _plain(f"difference of {quantity.title}")
+    axes.set(xlim=_widened(low, high), ylim=(len(rows) - 0.5, -0.5), xlabel=title)
+    axes.grid(visible=False, axis="y")
+
+
+def _row(axes: Axes, row: int, estimate: Estimate, shown: tuple[float, float], color: str) -> None:
+    """A point with its interval, or an arrow at the edge for one beyond it."""
+    low, high = shown
+    if math.isnan(estimate.value):
+        return
+    if not low <= estimate.value <= high:
+        beyond = estimate.value > high
+        axes.plot(high if beyond else low, row, marker=">" if beyond else "<", color=color, markersize=5)
+        return
+    if not math.isnan(estimate.low):
+        axes.plot(
+            [max(low, estimate.low), min(high, estimate.high)], [row, row], color=color, linewidth=1.6, alpha=0.55
+        )
+    axes.plot(estimate.value, row, "o", color=color, markersize=4)
+
+
+def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
+    metric, curves = task.primary, profiles(task)
+    values = [float(value) for curve in curves for value in curve.values]
+    logarithmic = bool(values) and min(values) > 0.0 and max(values) / min(values) > 30.0
+    edges = (min(values), max(values)) if logarithmic else span([[float(v) for v in curve.values] for curve in curves])
+    lower = metric is None or metric.lower_is_better
+    names = {each.policy for each in task.policies}
+    for curve in curves:
+        x = [edges[0] if lower else edges[1], *curve.values, edges[1] if lower else edges[0]]
+        last = curve.share[-1:] if len(curve.share) else [0.0]
+        color, style = (colors[curve.name], "-") if curve.name in names else ("black", "--")
+        shares = [0.0, *curve.share, *last]
+        axes.step(x, shares, where="post", linewidth=1.1, label=_plain(curve.name), color=color, linestyle=style)
+        if curve.name in names and len(curve.values) and len(task.seeds) > 1:
+            lower_end, upper_end = ([0.0, *ends, ends[-1]] for ends in (curve.low, curve.high))
+            axes.fill_between(x, lower_end, upper_end, step="post", alpha=0.1, linewidth=0.0, color=color)
+    axes.set(xlim=edges, ylim=(0.0, 1.02), xlabel=_plain(f"{metric.title if metric else ''}: \u03c4"))
+    sign = "\u2264" if lower else "\u2265"
+    axes.set_ylabel(f"share of episodes with a success {sign} \u03c4")
+    if logarithmic:
+        axes.set_xscale("log")
+    axes.figure.legend(loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+
+
+def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
+    quantity, shown = costs(task)
+    bounds = [] if quantity.bound is None else [quantity.bound]
+    low, high = span([(each.score.low, each.score.value, each.score.high) for each in shown], bounds)
+    for value in bounds:
+        axes.axhline(value, color="black", linewidth=0.9, linestyle="--", label="bound")
+    for each in shown:
+        color, score = colors[each.policy.policy], each.score
+        beyond = not low <= score.value <= high
+        top = score.value > high or (math.isnan(score.value) and quantity.lower_is_better is True)
+        y = (high if top else low) if beyond else score.value
+        if not beyond and not math.isnan(score.low):
+            ends = [max(low, score.low), min(high, score.high)]
+            axes.plot([each.action_us] * 2, ends, color=color, linewidth=1.6, alpha=0.55)
+        axes.plot(each.action_us, y, ("^" if top else "v") if beyond else "o", color=color, markersize=4)
+        axes.annotate(_plain(each.policy.policy), (each.action_us, y), (4, 3), textcoords="offset points", fontsize=7)
+    axes.set(xscale="log", ylim=_widened(low, high), xlabel="time of an action, with planning (\u00b5s)")
+    axes.set_ylabel(_plain(quantity.title))
+    axes.margins(x=0.2)
+
+
+def _widened(low: float, high: float) -> tuple[float, float]:
+    margin = 0.03 * (high - low)
+    return low - margin, high + margin
+
+
+def _plain(text: str) -> str:
+    """A text in which matplotlib reads no formula."""
+    return text.replace("$", r"\$")
+
+
+def _content(sheet: Figure, suffix: str) -> bytes:
+    """A figure as a file without a date."""
+    content = io.BytesIO()
+    metadata = {"Date": None} if suffix == ".svg" else {"CreationDate": None}
+    sheet.savefig(content, format=suffix.removeprefix("."), metadata=metadata)
+    return content.getvalue()

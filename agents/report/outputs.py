@@ -1,0 +1,87 @@
+"""What commands do with scores: run them with a progress bar, write files, print tables."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
+from agents.evaluation.benchmark import Benchmark
+from agents.report.page import write_report
+from agents.report.results_file import Results
+from planners.files import write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreOutputs:
+    """What becomes of scores: the options of `planarm benchmark` and `planarm evaluate` about their output."""
+
+    json: Path | None = None
+    """Write every episode, with versions, seeds and replays, to this file; planarm report makes pages and figures of
+    it."""
+    report: Path | None = None
+    """Write one HTML file in which every number leads to the episodes behind it, and these to their replays."""
+    replays: int | None = None
+    """Number of seeds of each task whose episodes are recorded for --json and --report, of every policy: first the
+    first ones, then the worst of each policy. 8 if left out, 0 for none; scores and timings do not depend on it."""
+    format: Literal["markdown", "csv"] | None = None
+    """How to print: tables in Markdown, or one number a line as CSV. By default tables as wide as the terminal, and
+    Markdown where the output is no terminal."""
+    wide: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print every column, however narrow the terminal is."""
+
+
+def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
+    """Run a benchmark with a progress bar, write its files, print its tables; the exit code."""
+    started, board, interrupted = datetime.now(UTC), benchmark.board, False
+    try:
+        _run_with_bar(benchmark, record=outputs.json is not None or outputs.report is not None)
+    except KeyboardInterrupt:
+        interrupted = True
+        note("interrupted: what follows is what was finished", "yellow")
+    origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
+    document = {**origin, **board.document()}
+    if outputs.json is not None:
+        write_json(outputs.json, document)
+        note(f"wrote {outputs.json}")
+    if outputs.report is not None:
+        write_report([("results", Results.of(document))], outputs.report)
+        note(f"wrote {outputs.report}")
+    for assumption in dict.fromkeys(line for result in board.results for line in result.assumptions):
+        note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
+    if outputs.format == "csv":
+        print(board.csv(), end="")
+    else:
+        board.show(markdown=outputs.format == "markdown", wide=outputs.wide)
+    return INTERRUPTED if interrupted or not board.complete else 0
+
+
+def _run_with_bar(benchmark: Benchmark, *, record: bool) -> None:
+    with catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
+        total = benchmark.total_episodes + (benchmark.total_replays if record else 0)
+        task = bar.add_task("compiling, on the first run only", total=total)
+
+        def check(ended: int = 0) -> None:
+            if interrupts:  # one that fell into a callback from C was printed there and lost
+                raise KeyboardInterrupt
+
+        def advance(ended: int) -> None:
+            check()
+            bar.advance(task, ended)
+
+        def begin(description: str) -> None:
+            bar.update(task, description=description)
+
+        benchmark.check()
+        benchmark.warm_up(check)
+        benchmark.fill(begin, advance)
+        check()
+        if record:
+            benchmark.record(begin, advance)
+            check()

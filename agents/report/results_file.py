@@ -1,0 +1,245 @@
+"""The results that `planarm benchmark --json` writes, read back and checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from agents.environments import card_of
+from agents.evaluation.results import Evaluation, Timing
+from agents.evaluation.statistics import Estimate
+from envs.card import Metric
+from planners.files import json_text
+
+MOST_BYTES = 1 << 28
+"""Largest size of a file of results, bytes."""
+_EPISODE = ("seed", "return", "length", "is_success")  # columns that the episodes of every policy have
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class _Estimate(_Part):
+    """An estimate; null in place of what is infinite or not known."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def numbers(self) -> Estimate:
+        """With NaN in place of what is not known, and inf of what is infinite as the other numbers show."""
+        value, low, high = (np.nan if end is None else end for end in (self.value, self.low, self.high))
+        if self.low is not None and self.high is None:
+            high, value = np.inf, np.inf if self.value is None else value
+        elif self.high is not None and self.low is None:
+            low, value = -np.inf, -np.inf if self.value is None else value
+        return Estimate(value, low, high)
+
+
+class _Timing(_Part):
+    env_steps: int = Field(ge=1)
+    plans: int = Field(0, ge=0)
+    planning_seconds: float = Field(ge=0.0)
+    policy_seconds: float
+    env_seconds: float = Field(ge=0.0)
+    infeasible: int = 0
+
+
+class PolicyScores(_Part):
+    """The scores of a policy on a task."""
+
+    policy: str
+    action_config: dict[str, Any] = {}
+    summary: dict[str, _Estimate]
+    timing: _Timing
+    episodes: dict[str, list[bool | float | None]]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        missing = [name for name in _EPISODE if name not in self.episodes]
+        if missing or len({len(column) for column in self.episodes.values()}) != 1 or not self.episodes["seed"]:
+            raise ValueError(
+                f"episodes of {self.policy}: expected columns of one length, {', '.join(_EPISODE)} and more"
+            )
+        return self
+
+    @property
+    def seeds(self) -> list[int]:
+        """One an episode."""
+        return [int(seed or 0) for seed in self.episodes["seed"]]
+
+    def estimate(self, key: str) -> Estimate | None:
+        """A number of the summary by its key; NaN in place of what is infinite or not known."""
+        return self.summary[key].numbers if key in self.summary else None
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The episodes as they were evaluated."""
+        columns = {key: np.array(column, dtype=float) for key, column in self.episodes.items()}
+        return Evaluation(
+            policy=self.policy,
+            env_id="",
+            seeds=np.array(self.seeds),
+            returns=columns["return"],
+            lengths=columns["length"].astype(np.int64),
+            metrics={key: column for key, column in columns.items() if key not in _EPISODE[:3]},
+            timing=Timing(**self.timing.model_dump()),
+        )
+
+    @property
+    def action_us(self) -> float:
+        """Time of an action, with planning, microseconds."""
+        return 1e6 * (self.timing.planning_seconds + self.timing.policy_seconds) / self.timing.env_steps
+
+
+class _Pair(_Part):
+    policy: str
+    against: str
+
+
+class _Metric(_Part):
+    key: str
+    title: str
+    factor: float = 1.0
+    primary: bool = False
+    lower_is_better: bool = True
+
+
+class _Replay(_Part):
+    policy: str
+    seed: int
+    returned: float | None = Field(alias="return")
+    length: int
+    frames: int = Field(ge=1, le=100_000)
+    fixed: dict[str, Any]
+    numbers: dict[str, str]
+    texts: dict[str, str]
+
+
+class Replays(_Part):
+    """Recorded episodes of a task, as `agents.evaluation.replays` makes them."""
+
+    view: tuple[float, float, float, float]
+    seeds: list[int]
+    units: dict[str, float]
+    episodes: list[_Replay]
+
+
+class TaskScores(_Part):
+    """The scores of all policies on a task."""
+
+    task: str
+    env: str
+    env_config: dict[str, Any] = {}
+    options: dict[str, Any] = {}
+    policies: list[PolicyScores] = Field(min_length=1)
+    bound: dict[str, list[float | None]] | None = None
+    bound_meaning: str | None = None
+    published: dict[str, Any] | None = None
+    pairs: list[_Pair] = []
+    metrics: list[_Metric] | None = None
+    replays: Replays | None = None
+
+    @model_validator(mode="after")
+    def _paired(self) -> Self:
+        if any(each.seeds != self.seeds for each in self.policies):
+            raise ValueError(f"the policies of {self.task} have different seeds")
+        if len({each.policy for each in self.policies}) < len(self.policies):
+            raise ValueError(f"two policies of {self.task} have the same name")
+        return self
+
+    @property
+    def compared(self) -> set[str]:
+        """Policies that are compared with each of the others."""
+        return {pair.policy for pair in self.pairs}
+
+    @property
+    def seeds(self) -> list[int]:
+        """One an episode, those of every policy."""
+        return self.policies[0].seeds
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The metrics of its tables; of older files, those on the card of the task."""
+        if self.metrics is None:
+            return card_of(self.env).metrics
+        return tuple(Metric(**metric.model_dump()) for metric in self.metrics)
+
+    @property
+    def primary(self) -> Metric | None:
+        """The metric by which episodes are compared."""
+        return next((metric for metric in self.columns if metric.primary), None)
+
+    @property
+    def bounds(self) -> tuple[Metric, dict[int, float]] | None:
+        """The bounded metric and its best known value by seed, inf where none is known."""
+        if not self.bound:
+            return None
+        metric = next((metric for metric in self.columns if metric.key in self.bound), None)
+        if metric is None:
+            return None
+        values = [np.inf if value is None else value for value in self.bound[metric.key]]
+        return metric, dict(zip(self.seeds, values, strict=False))
+
+
+def ranked(policies: Sequence[PolicyScores]) -> list[PolicyScores]:
+    """Best first: by success, then by return."""
+
+    def rank(scores: PolicyScores) -> tuple[float, ...]:
+        estimates = scores.estimate("success"), scores.estimate("return")
+        return tuple(np.inf if each is None or np.isnan(each.value) else -each.value for each in estimates)
+
+    return sorted(policies, key=rank)
+
+
+class Results(_Part):
+    """One file of results."""
+
+    command: str = ""
+    started: str = ""
+    complete: bool = True
+    versions: dict[str, str] = {}
+    machine: dict[str, Any] = {}
+    config: dict[str, Any] = {}
+    results: list[TaskScores] = Field(min_length=1)
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Self:
+        """The results in a document as it goes into a file."""
+        tasks = [task for task in document["results"] if task["policies"]]
+        return cls.model_validate(json.loads(json_text({**document, "results": tasks})))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """The results in a file.
+
+        Raises:
+            ValueError: if there is none, or the file holds something else.
+        """
+        if not path.is_file():
+            raise ValueError(f"cannot read {path}: no such file")
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"cannot read {path}: it is larger than {MOST_BYTES >> 20} MiB")
+        expected = "expected what planarm benchmark --json writes"
+        try:
+            content = json.loads(path.read_bytes())
+        except OSError as error:
+            raise ValueError(f"cannot read {path}: {error.strerror}") from None
+        except (ValueError, RecursionError):
+            raise ValueError(f"cannot read {path}: it is no JSON; {expected}") from None
+        if not isinstance(content, dict) or not isinstance(content.get("results"), list):
+            raise ValueError(f"cannot read {path}: it has no results; {expected}")
+        try:
+            tasks = [task for task in content["results"] if not isinstance(task, dict) or task.get("policies") != []]
+            return cls.model_validate({**content, "results": tasks})
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            place = ".".join(map(str, first["loc"]))
+            raise ValueError(f"cannot read {path}: {place}: {first['msg']}; {expected}") from None

@@ -1,0 +1,64 @@
+"""The results of several files side by side: policies on the same episodes of a task are put together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Sequence
+
+from agents.report.results_file import Replays, Results, TaskScores, ranked
+
+
+def side_by_side(files: Sequence[tuple[str, Results]]) -> list[TaskScores]:
+    """The tasks of several files, each given with its name; the policies of a task are best first.
+
+    Policies are put together where title, settings, options and seeds of the task are the same. One that has the name
+    of another gets that of its file too. Policies that were compared in pairs are compared with those of the other
+    files.
+    """
+    together: dict[str, list[tuple[str, TaskScores]]] = {}
+    for name, results in files:
+        for task in results.results:
+            same = json.dumps([task.task, task.env, task.env_config, task.options, task.seeds], sort_keys=True)
+            together.setdefault(same, []).append((name, task))
+    return [_merged(parts) for parts in together.values()]
+
+
+def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
+    merged = parts[0][1]
+    for name, part in parts[1:]:
+        taken = {each.policy for each in merged.policies}
+        new = {each.policy: _free_name(each.policy, name, taken) for each in part.policies}
+        policies = [each.model_copy(update={"policy": new[each.policy]}) for each in part.policies]
+        pairs = [pair.model_copy(update={"policy": new.get(pair.policy, "")}) for pair in part.pairs]
+        merged = merged.model_copy(
+            update={
+                "policies": [*merged.policies, *policies],
+                "pairs": [*merged.pairs, *pairs],
+                "bound": merged.bound or part.bound,
+                "bound_meaning": merged.bound_meaning or part.bound_meaning,
+                "metrics": merged.metrics or part.metrics,
+                "replays": _together(merged.replays, part.replays, new),
+            }
+        )
+    return merged.model_copy(update={"policies": ranked(merged.policies)})
+
+
+def _together(ours: Replays | None, theirs: Replays | None, names: dict[str, str]) -> Replays | None:
+    """Replays of two files; those of the second get the new names of its policies."""
+    if theirs is None:
+        return ours
+    renamed = [each.model_copy(update={"policy": names.get(each.policy, "")}) for each in theirs.episodes]
+    if ours is None:
+        return theirs.model_copy(update={"episodes": renamed})
+    if (ours.view, ours.units) != (theirs.view, theirs.units):
+        return ours
+    return ours.model_copy(
+        update={"seeds": sorted({*ours.seeds, *theirs.seeds}), "episodes": [*ours.episodes, *renamed]}
+    )
+
+
+def _free_name(policy: str, file: str, taken: Collection[str]) -> str:
+    name, number = policy, 1
+    while name in taken:
+        name, number = f"{policy} ({file})" if number == 1 else f"{policy} ({file} {number})", number + 1
+    return name
