@@ -160,7 +160,7 @@ export class SceneView {
   #floor(joints) {
     const { context, palette, unit } = this;
     context.fillStyle = palette.floor;
-    context.fillRect(0, 0, ...this.size);
+    context.fillRect(0, 0, ...this.size.map(Math.ceil)); // a pixel in part covered would keep what was there
     const reach = joints.slice(1).reduce((sum, joint, i) => sum + length(minus(joint, joints[i])), 0) * this.scale;
     const base = this.pixel(joints[0]);
     this.#disc(base, reach, palette.border);

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 
-STYLES = (("agents.report", "report.css"),)
+from envs.rendering.document import palette_document
+
 MODULES = (
     ("agents.pages", "scene.js"),
     ("agents.report", "replay.js"),
@@ -25,8 +26,13 @@ def script() -> str:
 
 
 def style() -> str:
-    """All style sheets as one."""
-    return "\n".join(_text(package, name) for package, name in STYLES)
+    """The colours of the frames as variables, for light and for dark pages, and the style sheet."""
+    light, dark = (
+        "".join(f"--{name}:{color};" for name, color in palette_document()[ground].items())
+        for ground in ("light", "dark")
+    )
+    colors = f":root{{{light}}}\n@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
+    return colors + _text("agents.report", "report.css")
 
 
 def bundled(modules: list[tuple[str, str]]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.report.axes import Axis, span
 from agents.report.drawing import (
@@ -25,7 +26,7 @@ from agents.report.drawing import (
     y_axis,
 )
 from agents.report.markup import Node, episodes_link, node
-from agents.report.numbers import Quantity, costs, differences, profiles
+from agents.report.numbers import Quantity, costs, profiles
 from agents.report.results_file import TaskScores
 from agents.tables import percent_text
 
@@ -68,9 +69,9 @@ class Chart:
             parts.append(self._row(name, [name], quantity.column, said, axis, estimate, y, left, text))
         return figure(quantity.title, f"{quantity.title} of each policy with its 95 % interval", bottom + 36.0, parts)
 
-    def differences(self) -> Node | None:
+    def differences(self, pairs: Sequence[Pair]) -> Node | None:
         """A row a pair: the median difference of the primary metric with its interval."""
-        pairs, metric = differences(self._task), self._task.primary
+        metric = self._task.primary
         if not pairs:
             return None
         quantity = Quantity(metric.key, metric.title, metric.factor) if metric else Quantity("return", "return")

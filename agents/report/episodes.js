@@ -175,10 +175,10 @@ export class Episodes {
       const found = own.find((each) => each.policy === policy.name);
       if (!found) return;
       const good = Boolean(policy.episodes.is_success[episode]);
-      const value = numberText(valueOf(policy, primary, episode));
+      const value = valueOf(policy, primary, episode);
       const same = Math.abs((found.return ?? 0) - (policy.episodes.return[episode] ?? 0)) <= 1e-5 * (1 + Math.abs(found.return ?? 0));
       const [name, unit] = split(primary.title);
-      const verdict = `${good ? "\u2713" : "\u2717"} ${name} ${value}${unit}${same ? "" : ` (this replay: return ${numberText(found.return)}, not as scored)`}`;
+      const verdict = `${good ? "\u2713" : "\u2717"} ${name} ${numberText(value)}${value === null ? "" : unit}${same ? "" : ` (this replay: return ${numberText(found.return)}, not as scored)`}`;
       runs.push({ place, name: policy.name, color: policy.color, good, verdict, replay: new Replay(found, task.replays.units) });
     });
     const chosen = Math.max(0, runs.findIndex((run) => run.place === wanted.policies[0]));

@@ -13,6 +13,7 @@ from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.figures.sheet import Axes, Figure, new_sheet
 from agents.report.axes import span
+from agents.report.drawing import shortened
 from agents.report.numbers import Quantity, costs, differences, profiles, quantities
 from agents.report.page import policy_colors
 from agents.report.results_file import Results, TaskScores
@@ -97,7 +98,7 @@ def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axe
             axes.annotate(name, (value, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=7)
     for row, (name, estimate) in enumerate(shown):
         _row(axes, row, estimate, (low, high), colors[name])
-    axes.set_yticks(range(len(shown)), [_plain(name) for name, _ in shown])
+    axes.set_yticks(range(len(shown)), [_label(name) for name, _ in shown])
     axes.set(xlim=_widened(low, high), ylim=(len(shown) - 0.5, -0.5), xlabel=_plain(quantity.title))
     axes.grid(visible=False, axis="y")
 
@@ -113,7 +114,7 @@ def _differences(task: TaskScores, pairs: Sequence[Pair], colors: Mapping[str, s
         text = f"{percent_text(pair.improvement.value)} %"
         axes.annotate(text, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=7)
     axes.annotate("better in", (1.02, 1.0), xycoords="axes fraction", va="bottom", fontsize=7)
-    axes.set_yticks(range(len(rows)), [_plain(f"{pair.policy} \u2212 {pair.against}") for pair, _ in rows])
+    axes.set_yticks(range(len(rows)), [_label(f"{pair.policy} \u2212 {pair.against}") for pair, _ in rows])
     title = _plain(f"difference of {quantity.title}")
     axes.set(xlim=_widened(low, high), ylim=(len(rows) - 0.5, -0.5), xlabel=title)
     axes.grid(visible=False, axis="y")
@@ -147,7 +148,7 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
         last = curve.share[-1:] if len(curve.share) else [0.0]
         color, style = (colors[curve.name], "-") if curve.name in names else ("black", "--")
         shares = [0.0, *curve.share, *last]
-        axes.step(x, shares, where="post", linewidth=1.1, label=_plain(curve.name), color=color, linestyle=style)
+        axes.step(x, shares, where="post", linewidth=1.1, label=_label(curve.name), color=color, linestyle=style)
         if curve.name in names and len(curve.values) and len(task.seeds) > 1:
             lower_end, upper_end = ([0.0, *ends, ends[-1]] for ends in (curve.low, curve.high))
             axes.fill_between(x, lower_end, upper_end, step="post", alpha=0.1, linewidth=0.0, color=color)
@@ -156,7 +157,8 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
     axes.set_ylabel(f"share of episodes with a success {sign} \u03c4")
     if logarithmic:
         axes.set_xscale("log")
-    axes.figure.legend(loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+    columns = max(1, 60 // (8 + max(len(shortened(curve.name)) for curve in curves)))
+    axes.figure.legend(loc="outside lower center", ncols=columns, fontsize=6.5, frameon=False)
 
 
 def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
@@ -174,7 +176,7 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
             ends = [max(low, score.low), min(high, score.high)]
             axes.plot([each.action_us] * 2, ends, color=color, linewidth=1.6, alpha=0.55)
         axes.plot(each.action_us, y, ("^" if top else "v") if beyond else "o", color=color, markersize=4)
-        axes.annotate(_plain(each.policy.policy), (each.action_us, y), (4, 3), textcoords="offset points", fontsize=7)
+        axes.annotate(_label(each.policy.policy), (each.action_us, y), (4, 3), textcoords="offset points", fontsize=7)
     axes.set(xscale="log", ylim=_widened(low, high), xlabel="time of an action, with planning (\u00b5s)")
     axes.set_ylabel(_plain(quantity.title))
     axes.margins(x=0.2)
@@ -188,6 +190,11 @@ def _widened(low: float, high: float) -> tuple[float, float]:
 def _plain(text: str) -> str:
     """A text in which matplotlib reads no formula."""
     return text.replace("$", r"\$")
+
+
+def _label(name: str) -> str:
+    """A name, shortened if it is long."""
+    return _plain(shortened(name))
 
 
 def _content(sheet: Figure, suffix: str) -> bytes:

@@ -50,7 +50,7 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
     if outputs.json is not None:
         write_json(outputs.json, document)
         note(f"wrote {outputs.json}")
-    if outputs.report is not None:
+    if outputs.report is not None and board.evaluations:
         write_report([("results", Results.of(document))], outputs.report)
         note(f"wrote {outputs.report}")
     for assumption in dict.fromkeys(line for result in board.results for line in result.assumptions):

@@ -14,7 +14,7 @@ from typing import Any
 from agents.report.bundle import script, style
 from agents.report.charts import Chart
 from agents.report.markup import Node, episodes_link, html, node
-from agents.report.numbers import Quantity, quantities
+from agents.report.numbers import Quantity, differences, quantities
 from agents.report.provenance import provenance
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
@@ -159,7 +159,7 @@ def _header(files: Sequence[tuple[str, Results]], tasks: Sequence[TaskScores]) -
 
 def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
     """The charts and tables of a task."""
-    chart, columns = Chart(number, task, colors), quantities(task)
+    chart, columns, pairs = Chart(number, task, colors), quantities(task), differences(task)
     key = task.primary.key if task.primary else "return"
     count = f"{len(task.seeds)} {'episode' if len(task.seeds) == 1 else 'episodes'}"
     first = 3 if task.primary else 2
@@ -175,10 +175,10 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
         ),
         _card(
             "Differences on the same episodes",
-            chart.differences(),
+            chart.differences(pairs),
             "Median of the first policy minus the second, with its 95 % bootstrap interval; an episode without success "
             "is infinitely bad. Right: share of episodes in which the first is better.",
-            differences_table(number, task),
+            differences_table(number, task, pairs),
             f"{task.task} differences",
         ),
         _card(

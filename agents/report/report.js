@@ -22,7 +22,8 @@ function tooltips(tip) {
     tip.style.top = `${y > tip.offsetHeight + 20 ? y - tip.offsetHeight - 10 : y + 18}px`;
   };
   for (const type of ["pointermove", "focusin"]) document.addEventListener(type, show);
-  for (const type of ["focusout", "pointerdown", "scroll"]) document.addEventListener(type, () => (tip.hidden = true), { passive: true });
+  for (const type of ["focusout", "pointerdown"]) document.addEventListener(type, () => (tip.hidden = true));
+  document.addEventListener("scroll", () => show({ type: "focusin", target: document.activeElement }), { passive: true });
 }
 
 for (const table of document.querySelectorAll("table.numbers")) sortable(table);

@@ -157,8 +157,8 @@ class TaskScores(_Part):
 
     @property
     def compared(self) -> set[str]:
-        """Policies that are compared with each of the others."""
-        return {pair.policy for pair in self.pairs}
+        """Policies that are compared with each of the others; the best one where the file compares none."""
+        return {pair.policy for pair in self.pairs} or {ranked(self.policies)[0].policy}
 
     @property
     def seeds(self) -> list[int]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.report.markup import Node, episodes_link, node
-from agents.report.numbers import Quantity, differences, profiles, quantiles, quantities
+from agents.report.numbers import Quantity, profiles, quantiles, quantities
 from agents.report.results_file import TaskScores
 from agents.tables import number_text, percent_text
 
@@ -48,9 +49,8 @@ def profile_table(task: TaskScores, colors: Mapping[str, int]) -> Node | None:
     return _table(heads, rows)
 
 
-def differences_table(number: int, task: TaskScores) -> Node | None:
+def differences_table(number: int, task: TaskScores, pairs: Sequence[Pair]) -> Node | None:
     """The differences in pairs."""
-    pairs = differences(task)
     if not pairs:
         return None
     metric = task.primary

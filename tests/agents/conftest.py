@@ -2,6 +2,9 @@ from __future__ import annotations
 
 import builtins
 import json
+import os
+import shutil
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
@@ -29,6 +32,27 @@ def regenerate(tmp_path_factory: pytest.TempPathFactory) -> Regenerate:
         return PaperResults(folder, json.loads((folder / "results.json").read_text()), printed.getvalue())
 
     return run
+
+
+@pytest.fixture(scope="session")
+def scored() -> dict[str, Any]:
+    """The document of a small benchmark with replays, one of whose policies has a hostile name."""
+    from report_cases import small_benchmark
+
+    return small_benchmark()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, as Playwright drives it."""
+    api = pytest.importorskip("playwright.sync_api")
+    path = os.environ.get("PLANARM_CHROMIUM") or shutil.which("chromium")
+    if path is None:
+        pytest.skip("needs Chromium: install it, or name it in PLANARM_CHROMIUM")
+    with api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield running
+        running.close()
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import signal
 from pathlib import Path
@@ -76,6 +77,19 @@ def test_a_task_may_have_policies_of_its_own() -> None:
     board = BenchmarkOptions(episodes=3, tasks=("ExcavatorPayload-v0", "ObstacleDodge-v0"), bound_episodes=0).resolve()
     expected = 3 * sum(len(each.policies or board.policies) for each in board.tasks)
     assert benchmark.Benchmark(board).total_episodes == expected
+
+
+def test_numbers_as_csv_and_tables_as_markdown(capsys: pytest.CaptureFixture[str]) -> None:
+    options = {**SMALL, "policies": ("apf", "random"), "tasks": ("ConveyorTrack-v0",), "bound_episodes": 0}
+    assert run(BenchmarkOptions(**options, format="csv")) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    (success,) = [row for row in rows if (row["policy"], row["number"]) == ("apf", "success")]
+    assert success["task"] == "ConveyorTrack-v0"
+    assert float(success["value"]) == 1.0
+    assert 0.0 < float(success["low"]) < 1.0
+    assert {"return", "settling_time", "planning_ms", "policy_us"} <= {row["number"] for row in rows}
+    assert run(BenchmarkOptions(**options, format="markdown", wide=True)) == 0
+    assert "|policy" in capsys.readouterr().out
 
 
 def test_the_bound_is_the_optimum_of_each_start(tmp_path: Path) -> None:

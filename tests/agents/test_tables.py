@@ -46,6 +46,33 @@ def test_without_title_and_caption_there_is_the_table_alone() -> None:
     assert [line for line in lines if line.strip()] == ["|a|b|", "|-|-|", "|x|1|"]
 
 
+def test_a_terminal_shows_the_foremost_columns_that_fit() -> None:
+    table = Table(
+        "",
+        ("name", "one", "two", "three"),
+        [("n", "1" * 20, "2" * 20, "3" * 20)],
+        "All.",
+        foremost=("three",),
+        brief="Some.",
+    )
+    narrow = printed(table, terminal=True, width=50)
+    assert "3" * 20 in narrow
+    assert "1" * 20 in narrow  # after the foremost ones in their order
+    assert "2" * 20 not in narrow
+    assert "Some. Not shown: two (--wide)." in narrow
+    assert max(map(len, narrow.splitlines())) <= 50
+    least = printed(table, terminal=True, width=10)
+    assert least.count("3") >= 20  # one column at least, although it is folded
+    whole = printed(table, terminal=True, width=80)
+    assert "2" * 20 in whole
+    assert "Not shown" not in whole
+    assert "2" * 20 in printed(table, terminal=False, width=10)
+    file = io.StringIO()
+    table.show(Console(file=file, width=80, force_terminal=True, color_system=None), markdown=True)
+    assert "|name|" in file.getvalue()
+    assert "All." in file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [(1.0, "1.000"), (-9.9994, "-9.999"), (12.34, "12.3"), (1e-5, "<0.001"), (0.0, "0.000"), (math.inf, "never")],
