@@ -4,9 +4,9 @@
 random, bang-bang, constant, sinusoidal and huge actions (up to 1e38), no action, and single kicks. Between blocks of
 steps all environments are reset now and then with a random seed, or some with random options. Observations and rewards
 must be finite and inside the observation space, a refused reset must leave the observations as they are, after a reset
-with a seed one environment must equal, bit for bit, the same environment alone, and memory must not grow. Then environments are made, reset,
-stepped and closed: single, in batches with threads, and with rendering; memory, threads and file descriptors must not
-grow. It prints a line for each, and ends with 1 if something was found.
+with a seed one environment must equal, bit for bit, the same environment alone, and memory must not grow. Then
+environments are made, reset, stepped and closed: single, in batches with threads, and with rendering; memory, threads
+and file descriptors must not grow. It prints a line for each, and ends with 1 if something was found.
 """
 
 from __future__ import annotations
