@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.compile_cache import temporary_folder
 from planners.files import whole_file
 
 
@@ -35,18 +36,16 @@ def _writable(own: str | None, shared: str | None, home: str | None) -> Path:
     else:
         wanted = Path(home or os.path.expanduser("~")) / ".cache" / "planarm"
     try:
+        if str(wanted).startswith("~"):
+            raise OSError(0, "there is no home folder")
         wanted.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=wanted):
             return wanted
     except OSError as error:
-        folder = Path(tempfile.mkdtemp(prefix="planarm-"))
-        warnings.warn(
+        return temporary_folder(
             f"results are not kept for the next time: {wanted} cannot be written ({error.strerror}); "
-            "set PLANARM_CACHE to a folder that can",
-            RuntimeWarning,
-            stacklevel=4,
+            "set PLANARM_CACHE to a folder that can"
         )
-        return folder
 
 
 def load_arrays(name: str) -> dict[str, NDArray[np.float64]] | None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
@@ -20,10 +19,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-
-import envs
-import planners
-from planners.compile_cache import drop_stale
 
 try:
     from pymunk._chipmunk_cffi import ffi, lib
@@ -37,8 +32,6 @@ if sys.platform == "win32" or sys.maxsize <= 2**32:  # pragma: no cover - not re
     raise ImportError(
         "planarm's bridge to Chipmunk needs 64-bit Linux or macOS (on Windows, the Windows Subsystem for Linux)"
     )
-
-drop_stale(Path(envs.__file__).parent, sources=(Path(planners.__file__).parent,))
 
 _pointer, _real, _nothing = types.intp, types.float64, types.void
 _vector = (_real, _real)
