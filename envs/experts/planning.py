@@ -112,6 +112,6 @@ class PlanningExpert(Expert):
         limited = np.isfinite(jerk)
         smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)
         gentle = np.minimum(np.minimum(np.abs(qd) / period, acceleration), smooth)
-        wanted = self._within_torque(seen, -np.sign(qd) * gentle)
-        reachable: Array = np.clip(wanted, qdd - jerk * period, qdd + jerk * period)
-        return reachable
+        reachable = np.clip(-np.sign(qd) * gentle, qdd - jerk * period, qdd + jerk * period)
+        # Last, because a joint whose torque saturates would drive the others on.
+        return self._within_torque(seen, reachable)
