@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -57,6 +58,13 @@ def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, A
             raise ValueError(f'"{change}": {text!r} is no YAML value') from None
         _assign(answer, key.split("."), value)
     return answer
+
+
+def refuse_twice(names: Iterable[str], what: str) -> None:
+    """Raise a ValueError for a name that is given twice; ``what`` it is a name of, for the message."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f'{what} "{name}" is given {count} times: give it once')
 
 
 def _assign(settings: dict[str, Any], path: list[str], value: Any) -> None:

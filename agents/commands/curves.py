@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from agents.commands.pictures import check_picture, write_picture
+from agents.commands.outputs import write_picture
 from agents.console import say
 from agents.evaluation.summarise import card_of
 from agents.figures.curves import draw_curves
@@ -54,7 +54,6 @@ def run(options: CurvesOptions) -> int:
     """Print the table and draw the picture; the exit code."""
     if not options.runs:
         raise ValueError("no runs: give the folders of at least one, such as runs/*")
-    check_picture(options.plot, options.dpi)
     curves, skipped = read_curves(options.runs)
     if not curves:
         raise ValueError(f"no run to show: {'; '.join(skipped)}")

@@ -33,6 +33,11 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
     for module, extra in (("PIL", "viz"), _NEEDS[path.suffix.lower()]):
         if importlib.util.find_spec(module) is None:
             raise DependencyNotInstalled(f'recording {path.suffix} needs {module}; run: pip install "planarm[{extra}]"')
+    if path.suffix.lower() == ".mp4":
+        try:
+            _encode(bytes(3 * 16 * 16), (16, 16), fps, "-f", "null", "-")
+        except OSError as error:
+            raise ValueError(f"cannot write {path}: {error}; record a .gif, or install another ffmpeg") from None
 
 
 class Film:
@@ -83,14 +88,24 @@ class Film:
         self._frames[-1].save(path, optimize=True)
 
     def _write_mp4(self, path: Path) -> None:
-        import imageio_ffmpeg
-
-        width, height = self._frames[0].size
-        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(self._fps), "-i", "-"]
-        wanted = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", str(path)]
-        program = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *given, *wanted]
         frames = b"".join(frame.tobytes() for frame in self._frames)
-        result = subprocess.run(program, input=frames, capture_output=True, check=False)
-        if result.returncode != 0:
-            complaint = " ".join(result.stderr.decode(errors="replace").split())[:300]
-            raise OSError(f"ffmpeg ended with {result.returncode}. {complaint}".strip())
+        _encode(frames, self._frames[0].size, self._fps, str(path))
+
+
+def _encode(frames: bytes, size: tuple[int, int], fps: int, *output: str) -> None:
+    """Encode frames of ``size`` pixels as H.264; an OSError says why ffmpeg did not.
+
+    Its own messages name what it lacks, such as a codec or room on the disk.
+    """
+    import imageio_ffmpeg
+
+    try:
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", str(fps), "-i", "-"]
+        wanted = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", *output]
+        result = subprocess.run([ffmpeg, "-v", "error", "-y", *given, *wanted], input=frames, capture_output=True)
+    except (OSError, RuntimeError) as error:
+        raise OSError(f"ffmpeg cannot be run: {error}") from None
+    if result.returncode != 0:
+        complaint = " ".join(result.stderr.decode(errors="replace").split())[:300]
+        raise OSError(f"ffmpeg ended with {result.returncode}. {complaint}".strip())

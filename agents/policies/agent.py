@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.card import task_card
 from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
@@ -148,8 +149,8 @@ class Agent:
         if replace(arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
             raise ValueError(
                 f"this agent was trained for another arm: {_in_words(self._task.arm)}; the environment has "
-                f"{_in_words(arm)}. Train one for this arm (planarm train {self.env_id} env_config.arm=...), or give "
-                "the environment the agent's arm"
+                f"{_in_words(arm)}. Train one for this arm (planarm train {task_card(self.env_id).recipe or 'my.yaml'} "
+                "arm=...), or give the environment the agent's arm"
             )
 
     @cached_property

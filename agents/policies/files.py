@@ -101,6 +101,8 @@ def _weights(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
+    except FileNotFoundError:
+        raise ValueError(f"{path.parent} has no {path.name}, so it holds no agent") from None
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror}") from None
     if len(content) > MOST_BYTES:
@@ -136,7 +138,7 @@ def layout_of(env_id: str, env_config: Mapping[str, Any]) -> Layout:
     refuse_unknown([env_id], envs.env_ids(), "environment")
     if not isinstance(env_config, Mapping):
         raise ValueError(f"settings of {env_id} must be names and values, not {env_config!r:.80}")
-    check_names(env_id, env_config, {})
+    check_names(env_id, env_config, {}, takes_options=False)
     with closing(gym.make(env_id, **env_config)) as env:
         layout: Layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
         return layout
