@@ -56,7 +56,7 @@ Simulated planar robot arms, with classical planners and trained agents for the 
   planarm --version                                  the version
 
 Exit codes: 0 done; 1 an output could not be written or printed whole; 2 something given is unknown or impossible; \
-130 ended by Ctrl-C."""
+130 ended by Ctrl-C, 143 by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,12 +100,16 @@ def _run(named: str | None, options: Any) -> int:
     from gymnasium.error import DependencyNotInstalled
 
     from agents.commands.outputs import check_outputs
-    from agents.console import catch_interrupt, note_compiling
+    from agents.console import INTERRUPTED, catch_interrupt, note, note_compiling
 
     try:
         check_outputs(options)
-        with catch_interrupt(at_once=True), note_compiling():
-            code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+        with catch_interrupt(at_once=True) as caught, note_compiling():
+            try:
+                code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+            except KeyboardInterrupt:
+                note("interrupted: nothing was finished", "yellow")
+                return (caught or [INTERRUPTED])[0]
     except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
         return _complain(named, error, 2)
     except MemoryError as error:

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ended; 143 where SIGTERM did
 
 
 def say(text: str) -> None:
@@ -73,17 +73,18 @@ def note_compiling() -> Iterator[None]:
 
 
 @contextmanager
-def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
-    """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt.
+def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
+    """Append its exit code to the yielded list at each Ctrl-C; the second, with ``at_once`` any, raises.
 
-    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C. An interrupt that meets
-    Numba's conversion of results, which cannot bear an exception, waits for the end of the call; one that comes out of
-    compiled code as a SystemError is a KeyboardInterrupt here too.
+    That is a KeyboardInterrupt. The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C,
+    with the exit code 143 instead of 130. An interrupt that meets Numba's conversion of results, which cannot bear an
+    exception, waits for the end of the call; one that comes out of compiled code as a SystemError is a
+    KeyboardInterrupt here too.
     """
-    caught: list[bool] = []
+    caught: list[int] = []
 
     def handle(signal_number: int, frame: FrameType | None) -> None:
-        caught.append(True)
+        caught.append(128 + signal_number)
         if at_once or len(caught) > 1:
             _interrupt(frame)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
+from agents.console import catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
 from agents.yaml_config import assigned
@@ -77,9 +78,7 @@ def run(options: BenchmarkOptions) -> int:
 def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
     """Run a benchmark with a progress bar, write every episode to ``json``, print its tables; the exit code."""
     started, board = datetime.now(UTC), benchmark.board
-    try:
-        _run_with_bar(benchmark)
-    except KeyboardInterrupt:
+    if code := _run_with_bar(benchmark):
         note("interrupted: what follows is what was finished", "yellow")
     if json is not None:
         origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
@@ -88,11 +87,12 @@ def run_and_print(benchmark: Benchmark, json: Path | None) -> int:
     for assumption in dict.fromkeys(line for result in board.results for line in result.assumptions):
         note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
     board.show()
-    return 0 if board.complete else INTERRUPTED
+    return code
 
 
-def _run_with_bar(benchmark: Benchmark) -> None:
-    with catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
+def _run_with_bar(benchmark: Benchmark) -> int:
+    """Run a benchmark until all is done, or Ctrl-C or SIGTERM stops it; the exit code."""
+    with suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
         task = bar.add_task("compiling, on the first run only", total=benchmark.total_episodes)
 
         def check(ended: int = 0) -> None:
@@ -107,3 +107,5 @@ def _run_with_bar(benchmark: Benchmark) -> None:
         benchmark.warm_up(check)
         benchmark.fill(begin=lambda description: bar.update(task, description=description), progress=advance)
         check()
+        return 0
+    return interrupts[0]

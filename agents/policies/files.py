@@ -88,7 +88,7 @@ def save_agent(agent: Agent, path: Path) -> None:
     document = {**agent.document, "env_config": portable(agent.env_config), "sha256": _hash(content)}
     try:
         replaced = _of_weights(json.loads(beside.read_text(encoding="utf-8")), path.read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         replaced = None
     if isinstance(replaced, dict):
         write_json(beside, {**document, _REPLACED: {name: replaced[name] for name in replaced if name != _REPLACED}})
@@ -98,6 +98,8 @@ def save_agent(agent: Agent, path: Path) -> None:
 
 def _weights(path: Path) -> bytes:
     """The file of an agent's weights; a ValueError if it cannot be read or is too large."""
+    if path.exists() and not path.is_file():
+        raise ValueError(f"cannot read {path}: it is no file")
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
