@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from planners.checks import UnknownName as UnknownName
+from planners.checks import brief
 from planners.checks import refuse_unknown as refuse_unknown
 
 _UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
@@ -53,8 +54,7 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(dict(given))
         except ValidationError as error:
-            complaints = [_complaint(item) for item in _causes(error.errors())]
-            raise ValueError(f"{what}: {'; '.join(complaints)}") from None
+            raise ValueError(f"{what}: {_complaints(list(_causes(error.errors())))}") from None
 
     def numbers(self) -> dict[str, Any]:
         """The fields that are numbers or bools, by name: what compiled code can read."""
@@ -97,12 +97,18 @@ def _causes(errors: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
             yield error
 
 
+def _complaints(errors: Sequence[Mapping[str, Any]], most: int = 5) -> str:
+    """Errors of pydantic in words, the first of many."""
+    more = f"; and {len(errors) - most} more" if len(errors) > most else ""
+    return "; ".join(map(_complaint, errors[:most])) + more
+
+
 def _complaint(error: Mapping[str, Any]) -> str:
     """An error of pydantic in words; a nested unknown name needs no value."""
     place = ".".join(map(str, error["loc"]))
     if error["type"] == "value_error" and isinstance(error["input"], Mapping):
-        return f"{place}: {error['ctx']['error']}" if place else str(error["ctx"]["error"])
-    return f"{place} = {error['input']!r}: {error['msg']}"
+        return f"{place:.120}: {error['ctx']['error']}" if place else str(error["ctx"]["error"])
+    return f"{place:.120} = {brief(error['input'])}: {error['msg']:.300}"
 
 
 def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:

@@ -1,14 +1,17 @@
-"""Reading of YAML and JSON from anybody: bounded in size and depth, without the references and tags of YAML."""
+"""Reading of YAML, JSON and NPZ from anybody: bounded in size and depth, without references, tags and pickles."""
 
 from __future__ import annotations
 
 import json
 import os
+import zipfile
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 MOST_BYTES = 1 << 16
 """Largest size of a file, bytes, unless its reader allows for more."""
@@ -70,6 +73,27 @@ def parse_json(text: str, what: str) -> Any:
         return _checked(json.loads(text, object_pairs_hook=_unique))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{what} is no JSON: {str(error)[:_LONGEST]}") from None
+
+
+def read_arrays(path: Path, most_bytes: int) -> dict[str, NDArray[Any]]:
+    """The arrays of an NPZ file by name. Nothing is unpickled.
+
+    Raises:
+        ValueError: if it cannot be read, is no NPZ file, or holds more than ``most_bytes``.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > most_bytes:
+            raise ValueError(f"it holds {size} bytes; {most_bytes} are the most")
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        if odd := [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]:
+            raise ValueError(f"{odd[0]!r:.40} is no array")
+    except Exception as error:  # a damaged archive can fail in any way
+        reason = getattr(error, "strerror", None) or error or type(error).__name__
+        raise ValueError(f"cannot read {path}: {' '.join(str(reason).split())[:_LONGEST]}") from None
+    return arrays
 
 
 def _checked(document: Any) -> Any:

@@ -140,7 +140,7 @@ def _reset(batch: Any, env_id: str, generator: np.random.Generator, record: Reco
         seed = int(generator.integers(2**31))
         batch.reset(seed=seed)
         return seed
-    if chance < 0.2 and env_id in OPTIONS:
+    if chance < 0.08 and env_id in OPTIONS:
         name, low, high = OPTIONS[env_id]
         mask = generator.random(batch.num_envs) < 0.02
         before = batch.task.batch["observation"].copy()

@@ -20,6 +20,7 @@ from agents.environments import check_names, portable
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
+from planners.checks import brief
 from planners.documents import read_document
 from planners.files import write_bytes, write_json
 
@@ -57,23 +58,27 @@ def load_agent(source: str | Path) -> Agent:
     try:
         tensors = load(content)
     except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
-        raise ValueError(f"cannot read {path}: {type(error).__name__}: {error}") from None
+        raise ValueError(f"cannot read {path}: {type(error).__name__}: {str(error)[:300]}") from None
     missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
     if missing:
         raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
     if document["format"] not in (FORMAT, SQUASHED_FORMAT):
         raise ValueError(
-            f"{path} has format {document['format']}; this version of planarm reads {FORMAT} and {SQUASHED_FORMAT}"
+            f"{path} has format {brief(document['format'])}; this version of planarm reads {FORMAT} and "
+            f"{SQUASHED_FORMAT}"
         )
     if document["sha256"] != _hash(content):
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
-    size = _check_layout(path, document)
     try:
+        layout = layout_of(str(document["env"]), document["env_config"])
         agent = Agent(document, tensors)
     except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
-    if agent.observation_size != size:
-        raise ValueError(f"{path} takes observations of {agent.observation_size} elements; {agent.env_id} gives {size}")
+    _check_layout(path, document, layout)
+    if agent.observation_size != layout.size:
+        raise ValueError(
+            f"{path} takes observations of {agent.observation_size} elements; {agent.env_id} gives {layout.size}"
+        )
     return agent
 
 
@@ -164,12 +169,11 @@ def _find(source: str | Path) -> Path:
     return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
 
 
-def _check_layout(path: Path, document: Mapping[str, Any]) -> int:
-    """The size of an observation; a ValueError if observations have changed since the agent was trained."""
-    layout = layout_of(str(document["env"]), document["env_config"])
+def _check_layout(path: Path, document: Mapping[str, Any], layout: Layout) -> None:
+    """Raise a ValueError if the environment's observations have changed since the agent was trained."""
     now = describe_layout(layout)
     if now["layout_hash"] == document["layout_hash"]:
-        return layout.size
+        return
     listed = document.get("layout")
     before = [entry for entry in listed if isinstance(entry, dict) and "name" in entry] if type(listed) is list else []
     changed = [

@@ -15,86 +15,20 @@ CANARY = "fuzz_canary"
 HUGE, DEEP = 2**64, 40
 
 STRANGE: tuple[Any, ...] = (
-    *(
-        None,
-        True,
-        -1,
-        0,
-        1,
-        2**31,
-        HUGE,
-        -HUGE,
-        10**30,
-        0.0,
-        -0.0,
-        1e308,
-        -1e308,
-        1e-308,
-        math.nan,
-        math.inf,
-        -math.inf,
-    ),
-    *(
-        "",
-        " ",
-        "x" * 3000,
-        "\x00",
-        "\x1b[31m",
-        "é\u202e",
-        "[bold]",
-        "../../etc/passwd",
-        f"{CANARY}:Task",
-        "1e400",
-        ".nan",
-    ),
-    *([], {}, [[]], [None], ["x"], [1e308] * 40, list(range(2000)), {"task_type": f"{CANARY}:Task"}, {"": 0}),
+    *(None, True, -1, 0, 1, 2**31, HUGE, -HUGE, 10**30, 0.0, -0.0, 1e308, -1e308, 1e-308, math.nan, math.inf),
+    *("", " ", "x" * 3000, "\x00", "\x1b[31m", "é\u202e", "[bold]", "../../etc/passwd", "1e400", ".nan"),
+    *(-math.inf, f"{CANARY}:Task", {"task_type": f"{CANARY}:Task"}, {"": 0}),
+    *([], {}, [[]], [None], ["x"], [1e308] * 40, list(range(2000))),
 )
 """Values of wrong kinds and sizes."""
 
-STRANGE_KEYS = (
-    "task_type",
-    "id",
-    "render_mode",
-    "num_envs",
-    "",
-    "__class__",
-    "arm",
-    "x" * 300,
-    "kwargs",
-    "entry_point",
-)
+STRANGE_KEYS = ("task_type", "id", "render_mode", "num_envs", "", "__class__", "arm", "x" * 300, "entry_point")
 
 SNIPPETS = (
     *("&a ", "*a", "!!python/object/apply:os.system ['true']", f"!!python/name:{CANARY}.x ", "!!binary x", "<<: *a"),
-    *(
-        "a: &a [*a, *a]\n",
-        "\t",
-        "\x00",
-        "? ",
-        "- " * 30,
-        "[" * 60,
-        "{" * 60,
-        "%YAML 9.9\n",
-        "---\n",
-        "...\n",
-        "0x" + "f" * 900,
-    ),
-    *(
-        "1:" * 500 + "1",
-        "9" * 5000,
-        "2026-01-01",
-        "2026-99-99",
-        "~",
-        '"',
-        "'",
-        "|\n",
-        ">\n",
-        "# ",
-        "\ufeff",
-        "\u2028",
-        "NaN",
-    ),
-    *("Infinity", "1e400", "\\ud800", "/*", "é", "=cmd", "\r"),
+    *("a: &a [*a, *a]\n", "\t", "\x00", "? ", "- " * 30, "[" * 60, "{" * 60, "%YAML 9.9\n", "---\n", "...\n"),
+    *("1:" * 500 + "1", "9" * 5000, "2026-01-01", "2026-99-99", "~", '"', "'", "|\n", ">\n", "# ", "\ufeff"),
+    *("0x" + "f" * 900, "\u2028", "NaN", "Infinity", "1e400", "\\ud800", "/*", "é", "=cmd", "\r"),
 )
 """Pieces of YAML, JSON and CSV that parsers stumble over."""
 

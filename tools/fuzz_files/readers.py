@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from functools import cache
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
@@ -24,7 +25,7 @@ from agents.policies.files import describe_layout, layout_of, load_agent
 from agents.training.learning_curves import read_curve
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import assigned, load_config
-from planners import SCARA_50CM, FixedHand, MotionProblem, Trajectory, arm_document, arm_names, load_arm, quintic
+from planners import SCARA_50CM, FixedJoints, MotionProblem, Trajectory, arm_document, arm_names, load_arm, quintic
 from tools.fuzz_files.mutations import CANARY, STRANGE, changed, changed_bytes, changed_text, yaml_bytes
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
@@ -223,10 +224,7 @@ def _tensor(value: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any, Any]
 @cache
 def _trajectory() -> tuple[bytes, dict[str, np.ndarray[Any, Any]]]:
     """The bytes of a saved trajectory, and its arrays."""
-    target = FixedHand(SCARA_50CM.forward_kinematics(np.array([0.4, 1.2])))
-    motion = quintic.plan(MotionProblem(SCARA_50CM, [0.0, 1.0], target, 2.0))
-    from tempfile import TemporaryDirectory
-
+    motion = quintic.plan(MotionProblem(SCARA_50CM, [0.0, 1.0], FixedJoints([0.4, 1.2]), 2.0))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "motion.npz"
         motion.save(path)
