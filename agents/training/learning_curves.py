@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
+_MOST_CHARACTERS = 1 << 24  # of metrics.csv
 Row = dict[str, Any]  # a row of metrics.csv, by column
 BY_START = "warm_start"  # groups by what a run begins with, and by its algorithm
 Groups = dict[str, list["Curve"]]  # curves by the label of their group
@@ -57,8 +59,11 @@ def read_curve(folder: Path) -> Curve:
     path = folder / "metrics.csv"
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+            text = file.read(_MOST_CHARACTERS + 1)
+        if len(text) > _MOST_CHARACTERS:
+            raise OSError(f"it has more than {_MOST_CHARACTERS} characters")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"cannot read {path}, which a run writes at its first evaluation: {error}") from None
     try:
         expert = rows[0].get("expert", "")
@@ -66,7 +71,7 @@ def read_curve(folder: Path) -> Curve:
         for name in ("steps", "seconds", "success", "return", *(("expert_success", "expert_return") if expert else ())):
             columns[name]  # a KeyError if it is missing
     except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__} {error}") from None
+        raise ValueError(f"{path} is damaged: {type(error).__name__} {str(error)[:200]}") from None
     return Curve(folder, config, expert, columns)
 
 

@@ -65,8 +65,8 @@ def read_npz(path: Path) -> dict[str, Any]:
     """
     if not path.exists():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    stored = read_arrays(path, MOST_BYTES)
     try:
+        stored = read_arrays(path, MOST_BYTES)
         about = parse_json(str(stored["about"]), "about")
         samples = {"t": stored["t_s"], **{name: stored[f"{name}_{unit}"] for name, unit in COLUMNS.items()}}
         if odd := [name for name, array in samples.items() if array.dtype.kind not in "fiu"]:
@@ -74,11 +74,11 @@ def read_npz(path: Path) -> dict[str, Any]:
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}")
         numbers = {name: math.inf if about[name] is None else float(about[name]) for name in NUMBERS}
-        problem = problem_of(about["problem"])
+        problem, planner = problem_of(about["problem"]), str(about["planner"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise ValueError(f"{path} is no trajectory that planarm has saved ({str(error)[:300]})") from error
     samples.pop("tau")  # follows from the motion and the problem's arm
-    return {"problem": problem, **samples, **numbers, "planner": str(about["planner"])}
+    return {"problem": problem, **samples, **numbers, "planner": planner}
 
 
 def problem_document(problem: MotionProblem) -> dict[str, Any]:

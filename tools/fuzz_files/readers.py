@@ -224,7 +224,7 @@ def _tensor(value: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any, Any]
 @cache
 def _trajectory() -> tuple[bytes, dict[str, np.ndarray[Any, Any]]]:
     """The bytes of a saved trajectory, and its arrays."""
-    motion = quintic.plan(MotionProblem(SCARA_50CM, [0.0, 1.0], FixedJoints([0.4, 1.2]), 2.0))
+    motion = quintic.plan(MotionProblem(SCARA_50CM, np.array([0.0, 1.0]), FixedJoints(np.array([0.4, 1.2])), 2.0))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "motion.npz"
         motion.save(path)
