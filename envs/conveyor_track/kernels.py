@@ -19,7 +19,6 @@ MAX_ERROR = 1000.0
 """Tracking error, in tolerances, from which on the progress term is constant: 1 m, 2 m/s by default."""
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
-    ("part", "i8"),
     ("part_position", "f8", (2,)),
     ("part_velocity", "f8", (2,)),
     ("part_acceleration", "f8", (2,)),
@@ -43,7 +42,7 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
     env.belt_start[:] = env.part_position
-    chipmunk.body_set_position(env.part, env.part_position[0], env.part_position[1])
+    chipmunk.body_set_position(env.extra_body, env.part_position[0], env.part_position[1])
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
     _observe(env, shared)
@@ -86,7 +85,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
     """Give the part the belt's velocity in the middle of the period: exact for a constant acceleration."""
     half = 0.5 * shared.control_period
     chipmunk.body_set_velocity(
-        env.part,
+        env.extra_body,
         env.part_velocity[0] + half * env.part_acceleration[0],
         env.part_velocity[1] + half * env.part_acceleration[1],
     )
@@ -95,7 +94,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
 @njit(cache=True, nogil=True)
 def _read_part(env: Any, shared: Any) -> None:
     """Read the part's position off its body, and integrate its velocity."""
-    env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.part)
+    env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.extra_body)
     for axis in range(2):
         env.part_velocity[axis] += shared.control_period * env.part_acceleration[axis]
 

@@ -16,9 +16,12 @@ from typing import Any
 
 import llvmlite.binding
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.numpy_support import carray
+
+from planners.typing import Array
 
 try:
     from pymunk._chipmunk_cffi import ffi, lib
@@ -75,7 +78,28 @@ def _bind_vector_getter(name: str) -> Callable[..., tuple[float, float]]:
     return getter
 
 
+def _reals_at(typing_context: Any, address: Any) -> Any:
+    """A pointer to float64 numbers at an address, in compiled code."""
+
+    def cast(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
+
+    return types.CPointer(types.float64)(types.int64), cast  # type: ignore[no-untyped-call]
+
+
+_pointer_to_reals: Any = intrinsic(_reals_at)
+
+
+@njit(cache=True, nogil=True)
+def array_at(address: int, shape: Any) -> Array:
+    """The array of float64 of a shape that lies at an address, in compiled code."""
+    array: Array = carray(_pointer_to_reals(address), shape)
+    return array
+
+
 space_step = _bind("cpSpaceStep", _nothing, _pointer, _real)
+space_get_current_time_step = _bind("cpSpaceGetCurrentTimeStep", _real, _pointer)
+space_set_current_time_step = _bind("cpSpaceSetCurrentTimeStep", _nothing, _pointer, _real)
 space_add_constraint = _bind("cpSpaceAddConstraint", _pointer, _pointer, _pointer)
 space_remove_constraint = _bind("cpSpaceRemoveConstraint", _nothing, _pointer, _pointer)
 body_get_angle = _bind("cpBodyGetAngle", _real, _pointer)

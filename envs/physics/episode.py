@@ -6,7 +6,9 @@ from typing import Any
 
 from numba import njit
 
+from envs.physics.chipmunk import array_at
 from envs.physics.rigid_bodies import place_arm
+from planners.typing import Array
 
 
 @njit(cache=True, nogil=True)
@@ -29,6 +31,12 @@ def clear_episode(env: Any) -> None:
     env.peak_torque = 0.0
     env.terminated = env.truncated = env.success = False
     env.step = 0
+
+
+@njit(cache=True, nogil=True)
+def table_of(env: Any, shape: Any) -> Array:
+    """The table of an environment's episode (`Task.write_table`), with the shape that the task has declared."""
+    return array_at(env.table, shape)
 
 
 @njit(cache=True, nogil=True)
