@@ -187,4 +187,4 @@ def test_a_gif_keeps_the_drawings_own_colours(tmp_path: Path) -> None:
     with Image.open(path) as written:
         shown = np.asarray(written.convert("RGB"))
     for column, (name, color) in enumerate(own.items()):
-        np.testing.assert_allclose(shown[10, column].astype(int), color, atol=8, err_msg=name)  # Pillow's own precision
+        np.testing.assert_array_equal(shown[10, column], color, err_msg=name)
