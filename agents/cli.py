@@ -86,12 +86,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _print_no_more()
         return 1
     except OSError as error:
-        try:
-            sys.stdout.flush()
-        except OSError as full:
-            _print_no_more()
-            return _complain(named, f"cannot print: {full.strerror}", 1)
-        return _complain(named, error, 1)
+        if error.errno is None or error.filename is not None:
+            return _complain(named, error, 1)
+        _print_no_more()
+        return _complain(named, f"cannot print: {error.strerror}", 1)
     return code
 
 

@@ -26,6 +26,7 @@ class ReportOptions:
 
         $ planarm paper-dpct
         $ planarm paper-lagrange --json results.json --plot figures.pdf
+        $ planarm paper-apf > tables.md
     """
 
     json: Path | None = None
