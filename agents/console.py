@@ -96,6 +96,8 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
             raise KeyboardInterrupt from None
         raise
     finally:
+        if caught:
+            sys.setprofile(None)  # of an interrupt that is still waiting
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -134,7 +134,8 @@ def _run(arguments: list[str], log: str) -> None:
         os.dup2(file.fileno(), 2)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        sys.exit(planarm(arguments))
+        code = planarm(arguments)
+    sys.exit(code)
 
 
 def steps_done(folder: Path) -> int:
@@ -201,7 +202,9 @@ def kill_run(name: str, kills: int, number: signal.Signals, folder: Path, genera
         if (run / "best.safetensors").exists():
             load_agent(run)
         ended.append(("after its end" if late else f"writing {last}" if writing else f"at {now} steps", result))
-        assert late or number == signal.SIGKILL or result.code in (0, 128 + number), result.said
+        assert late or number == signal.SIGKILL or result.code in (0, 128 + number), (
+            f"exit code {result.code}: {result.said}"
+        )
         if late:
             break
     child = Child(["train", "--resume", str(run)], folder / "log")
