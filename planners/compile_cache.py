@@ -13,6 +13,7 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import sys
 import sysconfig
 import tempfile
@@ -102,6 +103,20 @@ def temporary_folder(warning: str) -> Path:
     return _temporary[0]
 
 
+def is_private(folder: Path) -> bool:
+    """Whether nobody but the user and root can put files into a folder or replace it; also if there is none yet.
+
+    Caches hold machine code: whoever can write them can run code as the user.
+    """
+    for path, others in ((folder, False), (folder.parent, True)):
+        if sys.platform != "win32" and path.exists():
+            status = path.stat()
+            sticky = others and status.st_mode & stat.S_ISVTX
+            if status.st_uid not in (0, os.geteuid()) or (status.st_mode & stat.S_IWOTH and not sticky):
+                return False
+    return True
+
+
 @cache
 def _cache_folder(file: str, chosen: str) -> str:
     """The first of Numba's folders that can be written."""
@@ -110,7 +125,13 @@ def _cache_folder(file: str, chosen: str) -> str:
         locator = getattr(_caching, kind)(_cache_folder.__wrapped__, file)
         folder = str(locator.get_cache_path())
         with suppress(OSError):
-            if not folder.startswith("~"):  # no home
+            if kind == "UserProvidedCacheLocator" and not is_private(Path(folder)):
+                warnings.warn(
+                    f"NUMBA_CACHE_DIR {chosen} is not used: others can write there, and so run code as you",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+            elif not folder.startswith("~"):  # no home
                 locator.ensure_cache_path()
                 return folder
     temporary = temporary_folder(

@@ -192,11 +192,11 @@ def make_and_close(kind: str, options: Soak) -> Record:
         env.close()
         record.count += 1
         if record.count == warm:
-            first = threading.active_count(), descriptors()
+            first = _held()
         if record.count >= warm and record.count % 20 == 0:
             gc.collect()
             record.memory.append(memory_mib())
-    last = threading.active_count(), descriptors()
+    last = _held()
     if record.count >= warm and (last[0] > first[0] or last[1] > first[1]):
         record.faults.append(
             f"{last[0]} threads and {last[1]} descriptors, after {warm} of them {first[0]}, {first[1]}"
@@ -215,9 +215,10 @@ def memory_mib() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def descriptors() -> int:
-    """Number of open file descriptors."""
-    return len(os.listdir("/dev/fd"))
+def _held() -> tuple[int, int]:
+    """Numbers of threads and of open file descriptors."""
+    gc.collect()
+    return threading.active_count(), len(os.listdir("/dev/fd"))
 
 
 def main() -> int:
