@@ -108,7 +108,7 @@ def _run(named: str | None, options: Any) -> int:
             except KeyboardInterrupt:
                 note("interrupted: nothing was finished", "yellow")
                 return (caught or [INTERRUPTED])[0]
-    except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
+    except (ValueError, ImportError, DependencyNotInstalled) as error:
         return _complain(named, error, 2)
     except MemoryError as error:
         return _complain(named, f"not enough memory: {error}", 1)

@@ -57,7 +57,7 @@ def _replaced(path: Path) -> Iterator[Path]:
         yield draft
         if target.exists():
             shutil.copymode(target, draft)
-        with draft.open("rb") as content:
+        with draft.open("r+b") as content:
             os.fsync(content.fileno())
         os.replace(draft, target)
         _sync_folder(target.parent)
