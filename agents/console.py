@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
+from planners.interrupts import was_interrupted
+
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended; 143 where SIGTERM did
 
 
@@ -100,13 +102,6 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
             sys.setprofile(None)  # of an interrupt that is still waiting
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def was_interrupted(error: BaseException | None) -> bool:
-    """Whether an exception comes from a KeyboardInterrupt."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _interrupt(frame: FrameType | None) -> None:
