@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import make_dataclass
 from importlib import import_module, metadata
 from typing import Annotated, Any, NamedTuple, Union
@@ -41,69 +44,90 @@ COMMANDS = {
     ),
 }
 
-OUTPUTS = ("json", "plot", "record", "csv", "report")  # options that name a file to write
-
 DESCRIPTION = """\
 Simulated planar robot arms, with classical planners and trained agents for the same tasks.
 
-  planarm benchmark                                         the leaderboard
-  planarm rollout ConveyorTrack-v0 --policy agent --render  watch one episode
-  planarm list                                              what there is, by name
-  planarm paths ObstacleDodge-v0 --plot paths.png           draw the paths of three experts
-  planarm benchmark --policies my_module:make_policy dpct   your own policy beside a planner
-  planarm COMMAND --help                                    the options of a command
-  planarm --version                                         the version"""
+  planarm benchmark                                  the leaderboard
+  planarm rollout ConveyorTrack-v0 --policy agent --render
+                                                     watch one episode
+  planarm list                                       what there is, by name
+  planarm paths ObstacleDodge-v0 --plot paths.png    draw paths of three experts
+  planarm benchmark --policies my_module:make_policy dpct
+                                                     your own and a planner
+  planarm COMMAND --help                             options of a command
+  planarm --version                                  the version
+
+Exit codes: 0 done; 1 an output could not be written or printed whole; 2 something given is unknown or impossible; \
+130 ended by Ctrl-C, 143 by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line; its exit code, as `DESCRIPTION` says.
 
-    The exit code is 0, 2 for an error of the user, 130 after Ctrl-C, and 1 where the output is not read to its end. A
-    command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
+    A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # of a terminal that has no such character
-    if given == ["--version"]:
-        print(f"planarm {metadata.version('planarm')}")
-        return 0
     named = next((name for name in given[:1] if name in COMMANDS), None)
     try:
-        return _run(named, _parse(given, named))  # the parser exits after help or an error
+        if given == ["--version"]:
+            print(f"planarm {metadata.version('planarm')}")
+            code = 0
+        else:
+            code = _run(named, _parse(given, named))  # the parser exits after help or an error
+        sys.stdout.flush()
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the output, such as head, has stopped
-        with suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _print_no_more()
         return 1
     except OSError as error:
-        return _complain(named, error)
+        if error.errno is None or error.filename is not None:
+            return _complain(named, error, 1)
+        _print_no_more()
+        return _complain(named, f"cannot print: {error.strerror}", 1)
+    return code
 
 
 def _run(named: str | None, options: Any) -> int:
     """Run a command; the exit code."""
     from gymnasium.error import DependencyNotInstalled
 
-    from agents.console import catch_interrupt, note_compiling
-    from planners.files import check_output
+    from agents.commands.outputs import check_outputs
+    from agents.console import INTERRUPTED, catch_interrupt, note, note_compiling
 
     try:
-        for name in OUTPUTS:
-            check_output(getattr(options, name, None))
-        with catch_interrupt(at_once=True), note_compiling():
-            code: int | None = import_module(COMMANDS[str(named)].module).run(options)
-        sys.stdout.flush()
-    except (ValueError, ModuleNotFoundError, DependencyNotInstalled) as error:
-        return _complain(named, error)
+        check_outputs(options)
+        with catch_interrupt(at_once=True) as caught, note_compiling():
+            try:
+                code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+            except KeyboardInterrupt:
+                note("interrupted: nothing was finished", "yellow")
+                return (caught or [INTERRUPTED])[0]
+    except (ValueError, ImportError, DependencyNotInstalled) as error:
+        return _complain(named, error, 2)
+    except MemoryError as error:
+        return _complain(named, f"not enough memory: {error}", 1)
     return code or 0
 
 
-def _complain(named: str | None, error: Exception) -> int:
-    """Print an error of the user in one line; the exit code."""
-    print(f"planarm {named}: {' '.join(str(error).split())}", file=sys.stderr)
-    return 2
+def _complain(named: str | None, error: object, code: int) -> int:
+    """Print an error in one line; the exit code."""
+    with suppress(OSError):
+        print(f"planarm{f' {named}' if named else ''}: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
+
+
+def _print_no_more() -> None:
+    """Leave out what is still to be printed, where stdout takes no more."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parse(arguments: list[str], named: str | None) -> Any:
@@ -118,7 +142,30 @@ def _parse(arguments: list[str], named: str | None) -> Any:
             kinds.append(Annotated[empty, tyro.conf.subcommand(name, description=command.summary)])
     union: Any = Union[tuple(kinds)]  # noqa: UP007
     config = (tyro.conf.OmitSubcommandPrefixes,)
-    return tyro.cli(union, prog="planarm", description=DESCRIPTION, args=arguments, config=config)
+    printed = io.StringIO()
+    try:
+        with redirect_stdout(printed):
+            return tyro.cli(union, prog="planarm", description=DESCRIPTION, args=arguments, config=config)
+    finally:
+        sys.stdout.write(_wrapped(printed.getvalue()))
+
+
+def _wrapped(text: str) -> str:
+    """Help with no line longer than the terminal is wide; an example goes on behind a backslash."""
+    width = shutil.get_terminal_size().columns
+    lines = []
+    for line in re.sub(r"\n{3,}", "\n\n", text).splitlines():
+        indent = line[: len(line) - len(line.lstrip())]
+        example = line.startswith(f"{indent}$ ")
+        wrapped = textwrap.wrap(
+            line.replace(",", ", ") if line.startswith("usage: planarm [-h] {") else line,
+            width - 2 * example,
+            subsequent_indent=f"{indent}    " if example or line.startswith("usage") else indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        lines.append((" \\\n" if example else "\n").join(wrapped) if len(line) > width else line)
+    return "".join(f"{line}\n" for line in lines)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
+from planners.interrupts import was_interrupted
+
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ended; 143 where SIGTERM did
 
 
 def say(text: str) -> None:
@@ -73,17 +75,18 @@ def note_compiling() -> Iterator[None]:
 
 
 @contextmanager
-def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
-    """Append True to the yielded list at each Ctrl-C; the second, with ``at_once`` any, is a KeyboardInterrupt.
+def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
+    """Append its exit code to the yielded list at each Ctrl-C; the second, with ``at_once`` any, raises.
 
-    The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C. An interrupt that meets
-    Numba's conversion of results, which cannot bear an exception, waits for the end of the call; one that comes out of
-    compiled code as a SystemError is a KeyboardInterrupt here too.
+    That is a KeyboardInterrupt. The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C,
+    with the exit code 143 instead of 130. An interrupt that meets Numba's conversion of results, which cannot bear an
+    exception, waits for the end of the call; one that comes out of compiled code as a SystemError is a
+    KeyboardInterrupt here too.
     """
-    caught: list[bool] = []
+    caught: list[int] = []
 
     def handle(signal_number: int, frame: FrameType | None) -> None:
-        caught.append(True)
+        caught.append(128 + signal_number)
         if at_once or len(caught) > 1:
             _interrupt(frame)
 
@@ -95,15 +98,10 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[bool]]:
             raise KeyboardInterrupt from None
         raise
     finally:
+        if caught:
+            sys.setprofile(None)  # of an interrupt that is still waiting
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def was_interrupted(error: BaseException | None) -> bool:
-    """Whether an exception comes from a KeyboardInterrupt."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _interrupt(frame: FrameType | None) -> None:

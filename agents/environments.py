@@ -38,6 +38,8 @@ def import_before(text: str) -> str:
         ValueError: if there is no such module, or its code raises an error.
     """
     if not is_in_module(text):
+        if ":" in text:
+            raise ValueError(f'"{text}" is no module:name, such as my_module:MyTask-v0')
         return text
     module, _, name = text.partition(":")
     if os.getcwd() not in sys.path:
@@ -78,11 +80,13 @@ def make_one(env_id: str, settings: Mapping[str, Any], render_mode: str | None =
     return gym.make(env_id, render_mode=render_mode, **settings)
 
 
-def check_names(env_id: str, settings: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+def check_names(
+    env_id: str, settings: Mapping[str, Any], options: Mapping[str, Any], *, takes_options: bool = True
+) -> None:
     """Raise a ValueError for a setting or a reset option that a task does not have.
 
-    The message says so where the name is one of the other kind. Environments that are no tasks of planarm's kind check
-    their own.
+    The message says so where the name is one of the other kind, and how to give it if ``takes_options``: where reset
+    options can be given too. Environments that are no tasks of planarm's kind check their own.
     """
     task = task_type(env_id)
     if task is None:
@@ -92,10 +96,11 @@ def check_names(env_id: str, settings: Mapping[str, Any], options: Mapping[str, 
         for name in given:
             if name not in known and name in others:
                 argument = "env_config" if other == "setting" else "options"
+                shown = f"--{other}s {name}={given[name]}, in Python as {argument}={{{name!r}: {given[name]!r}}}"
+                advice = f": give it as {shown}" if takes_options else ""
                 raise ValueError(
                     f"{name} is {'a setting' if other == 'setting' else 'a reset option'} of {env_id}, not "
-                    f"{'a setting' if what == 'setting' else 'a reset option'}: give it as --{other}s {name}=..., "
-                    f'in Python as {argument}={{"{name}": ...}}'
+                    f"{'a setting' if what == 'setting' else 'a reset option'}{advice}"
                 )
         refuse_unknown(given, known, f"{env_id} {what}")
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from envs.settings import Settings, refuse_unknown
+from envs.settings import Settings, UnknownName, refuse_unknown
+from planners.checks import brief
 from planners.documents import parse_yaml, read_document
 
 SettingsType = TypeVar("SettingsType", bound=Settings)
@@ -26,8 +28,11 @@ def load_config(source: str, settings: type[SettingsType]) -> SettingsType:
     """
     content = read_document(_find(source))
     if not isinstance(content, dict):
-        raise ValueError(f"{source} must hold names and values, not {content!r}")
-    return settings.parse(content, f"{source} setting")
+        raise ValueError(f"{source} must hold names and values, not {brief(content)}")
+    try:
+        return settings.parse(content, f"{source} setting")
+    except UnknownName as error:
+        raise type(error)(str(error) if source in str(error) else f"{source}: {error}") from None
 
 
 def shipped_configs() -> list[str]:
@@ -50,13 +55,20 @@ def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, A
     for change in changes:
         key, equals, text = change.partition("=")
         if not equals or not key:
-            raise ValueError(f'"{change}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
+            raise ValueError(f'"{change:.80}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
         try:
             value = parse_yaml(text, change)
         except ValueError:
-            raise ValueError(f'"{change}": {text!r} is no YAML value') from None
+            raise ValueError(f'"{key:.80}={text:.80}": {brief(text)} is no YAML value') from None
         _assign(answer, key.split("."), value)
     return answer
+
+
+def refuse_twice(names: Iterable[str], what: str) -> None:
+    """Raise a ValueError for a name that is given twice; ``what`` it is a name of, for the message."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f'{what} "{name}" is given {count} times: give it once')
 
 
 def _assign(settings: dict[str, Any], path: list[str], value: Any) -> None:

@@ -94,8 +94,9 @@ class Control:
         key: its name.
         title: for labels, with the unit of a number.
         read: the number, or the points ``(k, 2)``, m, from the task and the record of an environment.
-        write: changes the environment of an index to a number, or a point of an index to a position, ``(2,)``, m; gives
-            whether that is done: False while the arm must first come to rest. A ValueError for what is impossible.
+        write: writes a number, or the position ``(2,)``, m, and the index of a point (in this order, after the task and
+            the record of an environment) into the record; gives whether that is done: False while the arm must first
+            come to rest. A ValueError for what is impossible.
         span: lowest and highest number; None for points.
         replans: whether policies have to plan anew after a change.
     """

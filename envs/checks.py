@@ -80,8 +80,8 @@ def untouched_when_refused(generators: Sequence[np.random.Generator]) -> Iterato
         raise
 
 
-def steps_of_time_limit(env: gym.Env[Any, Any]) -> int:
-    """The steps after which Gymnasium's `TimeLimit` cuts the episode that it is now resetting; 0 without one.
+def time_limit_of(env: gym.Env[Any, Any]) -> gym.wrappers.TimeLimit[Any, Any] | None:
+    """Gymnasium's `TimeLimit` around an environment that it is now resetting; None without one.
 
     An environment does not know its wrappers, so this looks for one among the callers of ``reset``.
     """
@@ -89,9 +89,9 @@ def steps_of_time_limit(env: gym.Env[Any, Any]) -> int:
     while frame is not None:
         caller = frame.f_locals.get("self")
         if isinstance(caller, gym.wrappers.TimeLimit) and caller.unwrapped is env:
-            return int(caller._max_episode_steps)
+            return caller
         frame = frame.f_back
-    return 0
+    return None
 
 
 def _shown(value: Any) -> str:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
+from copy import deepcopy
 from inspect import cleandoc
-from typing import Any, ClassVar
+from threading import Lock
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import EzPickle, seeding
 from numpy.typing import NDArray
 
+from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
+from envs.batch.workers import exclusive, refuse_second
 from envs.card import load
-from envs.checks import checked_actions, checked_options, steps_of_time_limit, untouched_when_refused
+from envs.checks import checked_actions, checked_options, time_limit_of, untouched_when_refused
 from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
@@ -47,8 +53,9 @@ The end is also where Gymnasium's `TimeLimit` (`max_episode_steps`) cuts an epis
 class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     """One environment of a task as a Gymnasium environment.
 
-    Pickling keeps the arguments, not the current episode. The docstring of a subclass with a `task_type` gets tables of
-    the observation, the info and the settings that the task declares.
+    Copying and pickling keep the running episode. One thread at a time may use it: another one gets a RuntimeError. The
+    docstring of a subclass with a `task_type` gets tables of the observation, the info and the settings that the task
+    declares.
 
     Args:
         render_mode: ``"human"``, ``"rgb_array"`` or None.
@@ -78,50 +85,62 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.render_mode = render_mode
         self.observation_space = self.task.layout.space()
         self.action_space = self.task.action_space()
+        self._action_shape = (self.task.batch["action"].shape[1],)
         self._needs_reset, self._begun, self._cut_after = True, False, 0
         self._camera = TaskCamera(self.task, 0, window=render_mode == "human")
         # Views of the one record, made once to keep a step fast.
         self._env = self.task.batch[0]
-        self._action, self._observation = self._env["action"], self._env["observation"]
+        self._observation = self._env["observation"]
+        self._time_limit: Callable[[], gym.wrappers.TimeLimit[Any, Any] | None] = _no_time_limit
+        self._in_use, self._closed = Lock(), False
 
+    @exclusive
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; the environment's docstring lists the options.
 
         Raises:
             ValueError: for options that are refused; the episode and the random numbers go on as if not called.
         """
+        self._require_open()
         generator, used_seed = (self.np_random, self.np_random_seed) if seed is None else seeding.np_random(seed)
         with untouched_when_refused([generator]):
             self.task.reset_envs([0], [generator], checked_options(options))
         self._np_random, self._np_random_seed = generator, used_seed
         self._needs_reset, self._begun = False, True
-        self._cut_after = steps_of_time_limit(self)
+        time_limit = time_limit_of(self)
+        self._time_limit = _no_time_limit if time_limit is None else weakref.ref(time_limit)
+        self._cut_after = 0 if time_limit is None else int(time_limit._max_episode_steps)
         self._camera.begin()
         if self.render_mode == "human":
-            self.render()
+            self._camera.frame()
         return self._observation.copy(), self.task.step_info(0)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one control period."""
-        if self._needs_reset:
-            raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
-        self._action[:] = checked_actions(action, self._action.shape)
-        self.task.advance()
-        env = self._env
-        terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
-        info = self.task.step_info(0)
-        self._needs_reset = terminated or truncated
-        if self._needs_reset or env["step"] == self._cut_after:
-            info.update(self.task.episode_info(0))
-        if self.render_mode is not None:
-            self._camera.follow()
-            if self.render_mode == "human":
-                self.render()
-        return self._observation.copy(), float(env["reward"]), terminated, truncated, info
+        if self._in_use.locked():
+            refuse_second("step", self)
+        with self._in_use:
+            if self._needs_reset:
+                self._require_open()
+                raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
+            self.task.advance(checked_actions(action, self._action_shape))
+            env = self._env
+            terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
+            info = self.task.step_info(0)
+            self._needs_reset = terminated or truncated
+            if self._needs_reset or env["step"] == self._cut_after:
+                info.update(self.task.episode_info(0))
+            if self.render_mode is not None:
+                self._camera.follow()
+                if self.render_mode == "human":
+                    self._camera.frame()
+            return self._observation.copy(), float(env["reward"]), terminated, truncated, info
 
+    @exclusive
     def render(self) -> Frame | None:
         """The current frame, ``(height, width, 3)``, or None in ``"human"`` mode, where it goes to a window."""
         if not self._begun:
+            self._require_open()
             raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
         if self.render_mode is None:
             gym.logger.warn('render() needs a render mode: gym.make(..., render_mode="rgb_array")')
@@ -129,10 +148,57 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         frame = self._camera.frame()
         return None if self.render_mode == "human" else frame
 
+    @exclusive
+    def get_state(self) -> State:
+        """The running episode, with its random numbers, as a value to keep, compare, pickle and continue from.
+
+        What follows from it is the same to the bit, in any environment with the same settings; see docs/state.md.
+        """
+        random, trail = state_of_generator(self.np_random), self._camera.trail
+        over = (self._needs_reset,)
+        return self.task.get_state(Episodes(self._begun, over, (random,), self._np_random_seed, (trail,)))
+
+    @exclusive
+    def set_state(self, state: State) -> None:
+        """Continue from what `get_state` returned, here or in another environment with the same settings.
+
+        Raises:
+            ValueError: for anything else, with what differs; nothing has changed then.
+        """
+        self._require_open()
+        episodes = episodes_of(state, 1)
+        self.task.set_state(state)
+        self._np_random = set_generator(self.np_random, episodes.randoms[0])
+        self._np_random_seed = episodes.seed
+        self._begun, (self._needs_reset,) = episodes.begun, episodes.over
+        (self._camera.trail,) = episodes.trails
+        time_limit = self._time_limit()
+        if time_limit is not None:
+            time_limit._elapsed_steps = int(self._env["step"])  # type: ignore[assignment]
+
+    def __getstate__(self) -> Info:
+        kept = {name: getattr(self, name) for name in ("spec", "_cut_after", "_closed")}
+        return {**EzPickle.__getstate__(self), **kept, "episode": self.get_state(), "time_limit": self._time_limit()}
+
+    def __setstate__(self, kept: Info) -> None:
+        EzPickle.__setstate__(self, kept)
+        self.set_state(kept["episode"])
+        self.spec, self._cut_after = kept["spec"], kept["_cut_after"]
+        if kept["time_limit"] is not None:
+            self._time_limit = weakref.ref(kept["time_limit"])
+        if kept["_closed"]:
+            self.close()
+
+    def __copy__(self) -> Self:
+        return deepcopy(self)
+
+    @exclusive
     def close(self) -> None:
-        """Close the window, if any; may be called twice."""
+        """Close the window, if any; may be called twice. Nothing but copying goes on afterwards."""
         self._camera.close()
         self.task.close()
+        self._closed = self._needs_reset = True
+        self._begun = False
 
     def resume(self) -> Observation:
         """The observation after a control of the task's card was used; an episode that was over goes on."""
@@ -147,6 +213,14 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def motion_problem(self) -> MotionProblem:
         """The planning problem that the current observation states."""
         return self.task.motion_problem(self._observation)
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise gym.error.ClosedEnvironmentError("the environment is closed: make another one")
+
+
+def _no_time_limit() -> None:
+    """Of an environment that no `TimeLimit` wraps."""
 
 
 def make_task(task_type: type[Any] | str, config: Info, num_envs: int, render_mode: str | None, metadata: Info) -> Task:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from inspect import cleandoc
 from types import UnionType
 from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from planners.checks import UnknownName as UnknownName
+from planners.checks import brief
 from planners.checks import refuse_unknown as refuse_unknown
 
 _UNIT = re.compile(r"(?:^|, )((?:k?g|m|s|rad|N)(?: m)?(?:/s(?:\^[23])?)?)$")
@@ -53,7 +54,7 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(dict(given))
         except ValidationError as error:
-            raise ValueError(f"{what}: " + "; ".join(map(_complaint, error.errors()))) from None
+            raise ValueError(f"{what}: {_complaints(list(_causes(error.errors())))}") from None
 
     def numbers(self) -> dict[str, Any]:
         """The fields that are numbers or bools, by name: what compiled code can read."""
@@ -87,12 +88,27 @@ class Settings(BaseModel):
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def _causes(errors: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Errors without those that only follow from others: a tuple whose items are refused counts as too short."""
+    places = [tuple(error["loc"]) for error in errors]
+    for error, place in zip(errors, places, strict=True):
+        inside = any(other[: len(place)] == place and other != place for other in places)
+        if not (inside and error["type"] == "too_short"):
+            yield error
+
+
+def _complaints(errors: Sequence[Mapping[str, Any]], most: int = 5) -> str:
+    """Errors of pydantic in words, the first of many."""
+    more = f"; and {len(errors) - most} more" if len(errors) > most else ""
+    return "; ".join(map(_complaint, errors[:most])) + more
+
+
 def _complaint(error: Mapping[str, Any]) -> str:
     """An error of pydantic in words; a nested unknown name needs no value."""
     place = ".".join(map(str, error["loc"]))
     if error["type"] == "value_error" and isinstance(error["input"], Mapping):
-        return f"{place}: {error['ctx']['error']}"
-    return f"{place} = {error['input']!r}: {error['msg']}"
+        return f"{place:.120}: {error['ctx']['error']}" if place else str(error["ctx"]["error"])
+    return f"{place:.120} = {brief(error['input'])}: {error['msg']:.300}"
 
 
 def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from threading import Lock
 from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from envs.arms import ArmSetting, require_links
-from envs.card import task_card
+from envs.arms import require_links
+from envs.batch.batch import Batch
+from envs.batch.records import Fields, Records, public_view
+from envs.batch.state import Episodes, State, checked_state
+from envs.batch.workers import exclusive, refuse_second
+from envs.card import Control, task_card
 from envs.observation import Layout, Observation
 from envs.physics.actuation import (
     LIMIT_KINDS,
@@ -22,57 +25,24 @@ from envs.physics.actuation import (
     actuation_constants,
     actuation_env_fields,
 )
-from envs.physics.rigid_bodies import World, arm_constants, arm_fields, model_record, whole_multiple
+from envs.physics.rigid_bodies import arm_constants, arm_fields, model_record, whole_multiple
 from envs.rendering import Scene
 from envs.settings import Settings
+from envs.task_settings import LimitSettings as LimitSettings
+from envs.task_settings import TaskSettings as TaskSettings
+from envs.task_settings import whole_periods as whole_periods
 from planners import Arm, MotionProblem
 from planners.typing import Array
 
-Fields = list[tuple[Any, ...]]
 Options = Mapping[str, Any]
-
-_ENVS_PER_THREAD = 32  # below this a second thread costs more than it brings
-
-
-class TaskSettings(Settings):
-    """Settings that every task has; the kernels find the numbers among them in the model record.
-
-    Attributes:
-        control_mode: what an action means.
-        control_period: time for which an action is held, s.
-        physics_step: time of one step of the physics, s.
-        horizon: length of an episode, s.
-        payload: unknown point mass at the hand, kg.
-        arm: the robot; a preset's name, an `Arm`, the path of a file or a mapping (`planners.load_arm`); the task's own
-            when left out.
-        gravity: along -y, m/s^2; 0 for a horizontal plane, 9.81 for a vertical one; the arm's own when left out.
-    """
-
-    control_mode: str = "torque"
-    control_period: float = Field(0.02, gt=0.0)
-    physics_step: float = Field(0.002, gt=0.0)
-    horizon: float = Field(3.0, gt=0.0, le=60.0)
-    payload: float = Field(0.0, ge=0.0, le=10.0)
-    arm: ArmSetting | None = None
-    gravity: float | None = Field(None, ge=0.0, le=30.0)
-
-
-class LimitSettings(TaskSettings):
-    """Settings of tasks whose reward has a term for broken joint limits.
-
-    Attributes:
-        limit_tolerance: share by which a limit may be exceeded before it counts as broken.
-        limit_penalty: cost of one control period in which a limit is broken; twice that where by 100 % or more.
-    """
-
-    limit_tolerance: float = Field(0.005, ge=0.0)
-    limit_penalty: float = Field(2.0, ge=0.0)
 
 
 class Task(ABC):
     """A batch of environments of one task.
 
-    An environment's whole state is one record of `batch`; what all environments share is the single record of `model`.
+    An environment's state is one record of `batch`; what all environments share is the single record of `model`. Both
+    are views that nobody can write to: a kernel gets the whole records, with the addresses of the bodies in Chipmunk.
+    Copying or pickling a task keeps the running episodes: it makes another with the settings, and sets its state.
     A subclass declares what is listed below, draws the starts of episodes, and has two compiled kernels:
     ``reset_env(batch, model, index)`` begins an episode whose start is written into the record, and
     ``advance_batch(batch, model, first, last)`` advances environments ``first`` to ``last - 1`` by one control period
@@ -91,8 +61,14 @@ class Task(ABC):
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
         default_arm: the robot, unless the settings name another.
         arm: the robot as a policy knows it, without its payload.
-        batch: one record per environment.
-        model: array of one record: the numbers of the configuration, and the ``constants`` given to the constructor.
+
+    Args:
+        config: the settings.
+        arm: the robot.
+        num_envs: number of environments.
+        env_fields: fields of an environment's record, besides what every task has.
+        constants: what the kernels read from the model record, besides the numbers of the settings.
+        table_shape: of a table of numbers per episode that `write_start` gives to `write_table`.
     """
 
     env_id: ClassVar[str]
@@ -107,12 +83,18 @@ class Task(ABC):
     view: tuple[float, float, float, float]
 
     def __init__(
-        self, config: TaskSettings, arm: Arm, num_envs: int, env_fields: Fields, constants: Mapping[str, Any]
+        self,
+        config: TaskSettings,
+        arm: Arm,
+        num_envs: int,
+        env_fields: Fields,
+        constants: Mapping[str, Any],
+        *,
+        table_shape: tuple[int, ...] = (),
     ) -> None:
         n, observed = arm.n_joints, self.layout.size
         self.config = config
         self.arm = arm
-        self.num_envs = num_envs
         self.horizon_steps = whole_periods(config, "horizon", config.horizon)
         common: Fields = [
             ("action", "f8", (self.action_size(config, arm),)),
@@ -126,9 +108,8 @@ class Task(ABC):
             ("step", "i8"),
         ]
         fields = common + arm_fields(n) + actuation_env_fields(n) + env_fields
-        self.batch = np.zeros(num_envs, np.dtype(fields, align=True))
         loaded = arm.with_payload(config.payload)
-        self.model = model_record(
+        model = model_record(
             {
                 "scales": self.layout.scales,
                 "bounds": self.layout.bounds,
@@ -139,9 +120,23 @@ class Task(ABC):
                 **constants,
             }
         )
-        self._world = World(loaded, self.batch)
-        self._threads = min(os.cpu_count() or 1, num_envs // _ENVS_PER_THREAD)
-        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._batch = Batch(self.kernels, loaded, num_envs, fields, model, table_shape)
+        self._in_use = Lock()
+
+    @property
+    def num_envs(self) -> int:
+        """Number of environments."""
+        return len(self._batch.records)
+
+    @property
+    def batch(self) -> Records:
+        """One record per environment, to read."""
+        return self._batch.view
+
+    @property
+    def model(self) -> Records:
+        """One record: the numbers of the configuration, and the ``constants`` given to the constructor, to read."""
+        return public_view(self._batch.model)
 
     @classmethod
     def make(cls, config: Mapping[str, Any], num_envs: int) -> Self:
@@ -165,6 +160,7 @@ class Task(ABC):
         """Settings in which values that were left out fit the arm; unchanged for the task's own arm."""
         return config
 
+    @exclusive
     def reset_envs(
         self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
     ) -> None:
@@ -173,18 +169,44 @@ class Task(ABC):
         Raises:
             ValueError: for unknown options, or a start from which the task cannot be solved; nothing has changed then.
         """
+        records = [self._batch.record(env_index) for env_index in env_indices]
+        if len(generators) != len(records):
+            raise ValueError(f"{len(generators)} generators for {len(records)} environments; give one for each")
         starts = self.draw(generators, self.options_type.parse(options, f"{self.env_id} option"))
-        for env_index, start in zip(env_indices, starts, strict=True):
-            self.write_start(env_index, start)
-            self.kernels.reset_env(self.batch, self.model, env_index)
+        self._batch.settle()
+        for record, start in zip(records, starts, strict=True):
+            self.begin(record, start)
+
+    def begin(self, record: Any, start: Any) -> None:
+        """Begin the episode of a start in the environment of a record."""
+        self.write_start(record, start)
+        self._batch.reset(int(record["env_index"]))
+
+    @exclusive
+    def change(self, env_index: int, control: Control, *value: Any) -> bool:
+        """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says."""
+        record = self._batch.record(env_index)
+        self._batch.settle()
+        done = control.write(self, record, *value)
+        if done:
+            self._batch.refresh(env_index)
+        return done
 
     @abstractmethod
     def draw(self, generators: Sequence[np.random.Generator], options: Any) -> Sequence[Any]:
         """Draw one start per generator, as the options (of `options_type`) say; bad ones raise ValueError."""
 
     @abstractmethod
-    def write_start(self, env_index: int, start: Any) -> None:
-        """Write a start into an environment's record."""
+    def write_start(self, record: Any, start: Any) -> None:
+        """Write a start into the record of an environment."""
+
+    def write_table(self, record: Any, table: Array) -> None:
+        """Give an environment the table of its episode, which its kernels read by `envs.physics.episode.table_of`."""
+        self._batch.write_table(record, table)
+
+    def table(self, env_index: int) -> Array:
+        """The table of an environment's episode."""
+        return self._batch.table(env_index)
 
     @abstractmethod
     def outcome(self, record: Any) -> dict[str, Any]:
@@ -203,11 +225,11 @@ class Task(ABC):
 
     def hand_position(self, env_index: int) -> Array:
         """Position of the hand, ``(2,)``, m."""
-        return self.arm.forward_kinematics(self.batch["q"][env_index])
+        return self.arm.forward_kinematics(self._batch.record(env_index)["q"])
 
     def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
         """What a frame of an environment shows, with the past hand positions ``trail``."""
-        record = self.batch[env_index]
+        record = self._batch.record(env_index)
         ratios = self.limit_info(env_index)["limit_ratios"]
         common: dict[str, Any] = {
             "joints": self.arm.joint_positions(record["q"]),
@@ -221,46 +243,58 @@ class Task(ABC):
         }
         return Scene(**(common | self.picture(record)))
 
-    def restart_clock(self, env_index: int) -> None:
-        """Give a running episode its whole time again; the arm moves on."""
-        record = self.batch[env_index]
-        record["step"] = 0
-        record["terminated"] = record["truncated"] = record["success"] = False
+    def advance(self, actions: Array | None = None) -> None:
+        """Advance every environment by one control period, on several threads if there are many.
 
-    def advance_slice(self, first: int, last: int) -> None:
-        """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
-        self.kernels.advance_batch(self.batch, self.model, first, last)
-
-    def advance(self) -> None:
-        """Advance every environment by one control period under its ``action``, a row of finite numbers.
-
-        On several threads if there are many environments.
+        Args:
+            actions: finite numbers, ``(num_envs, k)``; None for those of the last period.
         """
-        if self._threads < 2:
-            self.advance_slice(0, self.num_envs)
-            return
-        cuts = np.linspace(0, self.num_envs, self._threads + 1).astype(int).tolist()
-        list(self._executor().map(self.advance_slice, cuts[:-1], cuts[1:]))
+        if self._in_use.locked():
+            refuse_second("advance", self)
+        with self._in_use:
+            if actions is not None:
+                self._batch.actions[...] = actions
+            self._batch.advance()
+
+    @exclusive
+    def get_state(self, episodes: Episodes | None = None) -> State:
+        """The running episodes as one value, to the bit, with what a Gymnasium environment knows of them.
+
+        Raises:
+            RuntimeError: if the installed Pymunk keeps its numbers elsewhere than planarm knows.
+        """
+        return self._batch.save(self._common, episodes)
+
+    @exclusive
+    def set_state(self, state: State) -> None:
+        """Continue from a state of a task with the same settings; that of a single environment goes to all.
+
+        Raises:
+            ValueError: for the state of another task, or with other settings; nothing has changed then.
+        """
+        checked_state(state).require_fit(self._common, self.num_envs)
+        self._batch.load(state)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (type(self), self.config, self.num_envs, self.get_state())
 
     def close(self) -> None:
         """Stop the threads; may be called twice."""
-        if self._pool is not None:
-            self._pool[1].shutdown(wait=False)
-            self._pool = None
+        self._batch.close()
 
     def step_info(self, env_index: int) -> dict[str, Any]:
         """Info after every step: whether the task is solved, and the terms of the reward."""
-        record = self.batch[env_index]
+        record = self._batch.records[env_index]
         terms = dict(zip(self.reward_terms, record["reward_terms"].tolist(), strict=True))
         return {"is_success": bool(record["success"]), "reward_terms": terms}
 
     def episode_info(self, env_index: int) -> dict[str, Any]:
         """Info at the end of an episode: the task's own outcome, and the limits."""
-        return {**self.outcome(self.batch[env_index]), **self.limit_info(env_index)}
+        return {**self.outcome(self._batch.record(env_index)), **self.limit_info(env_index)}
 
     def limit_info(self, env_index: int) -> dict[str, Any]:
         """Worst limit ratio of an environment's episode, and the worst of each kind."""
-        ratios = dict(zip(LIMIT_KINDS, self.batch["limit_ratios"][env_index].tolist(), strict=True))
+        ratios = dict(zip(LIMIT_KINDS, self._batch.record(env_index)["limit_ratios"].tolist(), strict=True))
         return {"limit_ratio": max(ratios.values()), "limit_ratios": ratios}
 
     @staticmethod
@@ -281,7 +315,7 @@ class Task(ABC):
 
     def action_space(self) -> gym.Space[NDArray[np.float32]]:
         """The action space of one environment: numbers in [-1, 1]."""
-        return gym.spaces.Box(-1.0, 1.0, self.batch["action"].shape[1:], np.float32)
+        return gym.spaces.Box(-1.0, 1.0, self._batch.actions.shape[1:], np.float32)
 
     def _seconds_held(self, record: Any, steps: int) -> float:
         """Time from which on a condition has held that has done so for ``steps`` control periods, s."""
@@ -299,16 +333,21 @@ class Task(ABC):
             **more,
         )
 
-    def _executor(self) -> ThreadPoolExecutor:
-        # Threads do not survive a fork, so a pool belongs to the process that made it.
-        if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = (os.getpid(), ThreadPoolExecutor(self._threads, thread_name_prefix="planarm"))
-        return self._pool[1]
+    @cached_property
+    def _common(self) -> dict[str, Any]:
+        """What an environment has to have in common with this one to continue its states."""
+        own = [name for name in type(self.config).model_fields if name not in ("arm", "gravity")]
+        return {
+            "environment": self.env_id,
+            "task": f"{type(self).__module__}.{type(self).__qualname__}",
+            **{name: getattr(self.config, name) for name in own},
+            "arm": self.arm,
+            "fields of a record": str(self.batch.dtype),
+        }
 
 
-def whole_periods(config: TaskSettings, name: str, seconds: float) -> int:
-    """A named time, s, in control periods; ValueError if it is no multiple of them, or longer than the horizon."""
-    count = whole_multiple(name, seconds, "control_period", config.control_period)
-    if count > whole_multiple("horizon", config.horizon, "control_period", config.control_period):
-        raise ValueError(f"{name} {seconds} s is longer than the horizon {config.horizon} s; change one of them")
-    return count
+def _made_again(kind: Any, config: TaskSettings, num_envs: int, state: State) -> Task:
+    """A task with the episodes of another one."""
+    task: Task = kind(config, num_envs)
+    task.set_state(state)
+    return task

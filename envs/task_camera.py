@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.rendering import Renderer
 from envs.task import Task
-from planners.typing import Array
 
 Frame = NDArray[np.uint8]
 
@@ -17,8 +18,17 @@ class TaskCamera:
 
     def __init__(self, task: Task, env_index: int, *, window: bool = False) -> None:
         self._task, self._env, self._window = task, env_index, window
-        self._trail: list[Array] = []
+        self._trail: list[tuple[float, ...]] = []
         self._renderer: Renderer | None = None
+
+    @property
+    def trail(self) -> tuple[tuple[float, ...], ...]:
+        """Past positions of the hand, m."""
+        return tuple(self._trail)
+
+    @trail.setter
+    def trail(self, positions: Sequence[tuple[float, ...]]) -> None:
+        self._trail = list(positions)
 
     def begin(self) -> None:
         """Begin a new trail."""
@@ -27,7 +37,7 @@ class TaskCamera:
 
     def follow(self) -> None:
         """Add the current hand position to the trail."""
-        self._trail.append(self._task.hand_position(self._env))
+        self._trail.append(tuple(self._task.hand_position(self._env).tolist()))
 
     def frame(self) -> Frame:
         """Draw the environment as it is now."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-import zipfile
-import zlib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -14,7 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.compile_cache import temporary_folder
+from planners.documents import read_arrays
 from planners.files import whole_file
+
+_MOST_BYTES = 1 << 28
 
 
 def cache_folder() -> Path:
@@ -35,26 +37,24 @@ def _writable(own: str | None, shared: str | None, home: str | None) -> Path:
     else:
         wanted = Path(home or os.path.expanduser("~")) / ".cache" / "planarm"
     try:
+        if str(wanted).startswith("~"):
+            raise OSError(0, "there is no home folder")
         wanted.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=wanted):
             return wanted
     except OSError as error:
-        folder = Path(tempfile.mkdtemp(prefix="planarm-"))
-        warnings.warn(
+        return temporary_folder(
             f"results are not kept for the next time: {wanted} cannot be written ({error.strerror}); "
-            "set PLANARM_CACHE to a folder that can",
-            RuntimeWarning,
-            stacklevel=4,
+            "set PLANARM_CACHE to a folder that can"
         )
-        return folder
 
 
 def load_arrays(name: str) -> dict[str, NDArray[np.float64]] | None:
     """Arrays of a file in the cache; None if there is none, or it cannot be read."""
     try:
-        with (cache_folder() / name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return {key: np.asarray(stored[key], dtype=np.float64) for key in stored.files}
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error):
+        stored = read_arrays(cache_folder() / name, _MOST_BYTES)
+        return {key: np.asarray(array, dtype=np.float64) for key, array in stored.items()}
+    except (ValueError, TypeError):
         return None
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from copy import deepcopy
+from threading import Lock
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +14,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
+from envs.batch.workers import exclusive
 from envs.checks import checked_actions, checked_count, checked_options, untouched_when_refused
 from envs.environment import Info, make_task
 from envs.observation import Observation
@@ -65,9 +69,12 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._max_episode_steps = max_episode_steps
         self._generators: list[np.random.Generator] = []
+        self._randoms: tuple[Any, ...] | None = None  # their states, where they have been looked at since the last draw
         self._cameras = [TaskCamera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
         self._running = False
+        self._in_use = Lock()
 
+    @exclusive
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
@@ -77,6 +84,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             ValueError: for options, seeds or a mask that are refused; episodes and random numbers go on as if not
                 called.
         """
+        self._require_open()
         options = checked_options(options)
         mask = options.pop("reset_mask", None)
         chosen = list(range(self.num_envs)) if mask is None else np.flatnonzero(self._checked_mask(mask)).tolist()
@@ -86,15 +94,16 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         self._generators, self._running = generators, True
         return self._observations(), self._step_infos()
 
+    @exclusive
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Hold one action per environment, ``(num_envs, n)``, for one control period."""
         if not self._running:
+            self._require_open()
             raise gym.error.ResetNeeded("no episode has begun: call reset() first")
         batch = self.task.batch
-        batch["action"] = checked_actions(actions, batch["action"].shape)
-        self.task.advance()
+        self.task.advance(checked_actions(actions, batch["action"].shape))
         for camera in self._cameras:
             camera.follow()
         terminated, truncated = batch["terminated"].copy(), batch["truncated"].copy()
@@ -107,17 +116,69 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             self._begin(np.flatnonzero(ended).tolist(), {}, self._generators)
         return self._observations(), rewards, terminated, truncated, infos
 
+    @exclusive
     def render(self) -> tuple[Frame, ...] | None:
         """One frame per environment."""
         if not self._running:
+            self._require_open()
             raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
         return tuple(camera.frame() for camera in self._cameras) if self._cameras else None
 
+    @exclusive
+    def get_state(self) -> State:
+        """The running episodes, with their random numbers; see `PlanarArmEnv.get_state`."""
+        if self._randoms is None:
+            self._randoms = tuple(state_of_generator(one) for one in self._generators)
+        trails = tuple(camera.trail for camera in self._cameras) or ((),) * self.num_envs
+        over = (False,) * self.num_envs
+        return self.task.get_state(Episodes(self._running, over, self._randoms, None, trails))
+
+    @exclusive
+    def set_state(self, state: State) -> None:
+        """Continue from what `get_state` returned, here or in another environment with the same settings.
+
+        The state of one environment, also of a single `PlanarArmEnv`, goes to every environment of the batch.
+
+        Raises:
+            ValueError: for anything else, with what differs; nothing has changed then.
+        """
+        self._require_open()
+        episodes = episodes_of(state, self.num_envs)
+        if not episodes.begun or any(episodes.over):
+            raise ValueError("the episode of the state is over or has not begun, so that there is nothing to continue")
+        self.task.set_state(state)
+        if episodes.randoms is not self._randoms:
+            blank = self._generators or [np.random.default_rng(0) for _ in episodes.randoms]
+            self._generators = [set_generator(*pair) for pair in zip(blank, episodes.randoms, strict=True)]
+            self._randoms = episodes.randoms
+        self._running = True
+        for camera, trail in zip(self._cameras, episodes.trails, strict=False):
+            camera.trail = trail
+
+    def __getstate__(self) -> Info:
+        return {**EzPickle.__getstate__(self), "episode": self.get_state(), "spec": self.spec, "closed": self.closed}
+
+    def __setstate__(self, kept: Info) -> None:
+        EzPickle.__setstate__(self, kept)
+        self.spec = kept["spec"]
+        if kept["episode"].episodes.begun:
+            self.set_state(kept["episode"])
+        if kept["closed"]:
+            self.close()
+
+    def __copy__(self) -> Self:
+        return deepcopy(self)
+
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the threads and free the surfaces."""
+        self._stop()
+
+    @exclusive
+    def _stop(self) -> None:
         for camera in self._cameras:
             camera.close()
         self.task.close()
+        self._running = False
 
     def joint_state(self) -> tuple[Array, Array]:
         """Joint angles (rad) and velocities (rad/s), each ``(num_envs, n)``."""
@@ -127,8 +188,13 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         """The planning problem that the current observation of an environment states."""
         return self.task.motion_problem(self.task.batch["observation"][env_index])
 
+    def _require_open(self) -> None:
+        if self.closed:
+            raise gym.error.ClosedEnvironmentError("the environment is closed: make another one")
+
     def _begin(self, chosen: list[int], options: dict[str, Any], generators: list[np.random.Generator]) -> None:
         """Begin an episode in the chosen environments, each with its own of all generators."""
+        self._randoms = None
         self.task.reset_envs(chosen, [generators[env_index] for env_index in chosen], options)
         for env_index in chosen if self._cameras else ():
             self._cameras[env_index].begin()

@@ -4,11 +4,9 @@ Independent of Gymnasium. SI units and radians; joint angles are relative and co
 effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerations and torques.
 """
 
-from pathlib import Path
-
+import planners.compile_cache  # noqa: F401  (before any compiled function)
 from planners import apf, control, dpct, lagrange, quintic, trapezoid
 from planners.capabilities import plan, register
-from planners.compile_cache import drop_stale
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.arm_files import arm_document, arm_names, load_arm
@@ -43,5 +41,3 @@ __all__ = [
     "sampled_trajectory",
     "trapezoid",
 ]
-
-drop_stale(Path(__file__).parent)

@@ -15,6 +15,7 @@ from typing import Any, Literal, ParamSpec
 import numpy as np
 
 from planners.checks import require_choice
+from planners.interrupts import plain_interrupts
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
@@ -121,7 +122,8 @@ def variant(
             if not isinstance(problem, MotionProblem):
                 raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
             _require_taken(declared, problem)
-            trajectory = function(*args, **kwargs)
+            with plain_interrupts():
+                trajectory = function(*args, **kwargs)
             if promises and kwargs.get("checked", True):
                 require_within_limits(str(declared), trajectory)
                 if kwargs.get("contact") != "delay":

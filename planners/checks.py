@@ -34,6 +34,12 @@ def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
         raise ValueError(f"{name} {value!r} must be one of {', '.join(map(repr, allowed))}")
 
 
+def brief(value: object, longest: int = 120) -> str:
+    """A value as Python writes it, cut after so many characters, for messages."""
+    text = repr(value)
+    return text if len(text) <= longest else f"{text[:longest]}..."
+
+
 class UnknownName(ValueError, TypeError):
     """A name that is not known: an unexpected keyword (a TypeError) with a bad value (a ValueError)."""
 
@@ -43,6 +49,6 @@ def refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> Non
     names = sorted(known)
     for name in given:
         if name not in names:
-            near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+            near = difflib.get_close_matches(str(name)[:80], names, n=1, cutoff=0.5)
             hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise UnknownName(f'unknown {what} "{name}"{hint} (known: {", ".join(names) or "none"})')
+            raise UnknownName(f'unknown {what} "{name!s:.80}"{hint} (known: {", ".join(names) or "none"})')

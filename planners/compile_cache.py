@@ -1,63 +1,240 @@
-"""Deletion of stale numba caches.
+"""Where compiled functions are kept for the next process, and when they are compiled anew.
 
-Numba recompiles a function when its own file changes, but not when a function that it calls changes in another file:
-after an update it would run a mixture of old and new code.
+Numba compiles a function again when its own file changes, but not when a function that it calls changes in another
+file: after an update it would run a mixture of old and new code. `SourceLocator` therefore stamps a compiled function
+with the contents of every file that its own file imports, directly or not. Importing this module installs it.
 """
 
 from __future__ import annotations
 
-import contextlib
+import atexit
+import glob
+import hashlib
+import os
 import re
+import shutil
+import stat
+import sys
+import sysconfig
+import tempfile
+import warnings
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from types import FunctionType
+from typing import Any, NamedTuple
 
-_IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import \(?([\w, \n]+)|import ([\w.]+))", re.MULTILINE)
+_caching: Any = import_module("numba.core.caching")
+
+OURS = ("planners", "envs")
+"""Packages with compiled functions, beside each other, that others may call."""
+
+_ROOT = Path(__file__).parent.parent
+_LIBRARY = {"site-packages", "dist-packages", Path(sysconfig.get_path("stdlib")).name}
+_COMMENT = re.compile(rb"#[^\n]*")
+_IMPORT = re.compile(
+    rb"(?:^|[;:])[ \t]*"
+    rb"(?:from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|(?:[^\n;\\]|\\\r?\n)*)|import[ \t]+([\w., \t]+))",
+    re.MULTILINE,
+)
 
 
-def drop_stale(package: Path, *, sources: tuple[Path, ...] = ()) -> None:
-    """Delete compiled caches older than the module's file or any file it imports, directly or not.
+class SourceLocator(_caching._CacheLocator):  # type: ignore[misc]
+    """The cache of a function of these packages, or of one whose file imports them.
 
-    Args:
-        package: folder of the package.
-        sources: folders of other packages with compiled functions that it calls.
+    It lies where Numba keeps it: in ``NUMBA_CACHE_DIR``, in ``__pycache__`` beside the source, or in the user's cache;
+    where none of them can be written, in a temporary folder, with one warning.
     """
-    folders = (package, *sources)
-    caches = {path: path.stat().st_mtime for path in package.rglob("*.nb[ic]")}
-    changed = {path: path.stat().st_mtime for folder in folders for path in folder.rglob("*.py")}
-    if not caches or min(caches.values()) >= max(changed.values()):
-        return
-    roots = {folder.name: folder.parent for folder in folders}
-    imports = {path: list(_imports(path, roots)) for path in changed}
-    newest: dict[Path, float] = {}
-    for path, made in caches.items():
-        source = path.parent.parent / f"{path.name.split('.')[0]}.py"
-        if source not in newest:
-            newest[source] = max(changed.get(one, float("inf")) for one in _reached_from(source, imports))
-        if made < newest[source]:
-            # Another process may have deleted it, or the folder may be read-only.
-            with contextlib.suppress(OSError):
-                path.unlink()
+
+    def __init__(self, function: FunctionType, file: str) -> None:
+        self._py_file = file
+        self._name = f"{Path(file).stem}.{function.__qualname__}".replace("<", "").replace(">", "")
+        self._stamp = _stamp(file)
+        self._folder = _cache_folder(file, _caching.config.CACHE_DIR)
+
+    @classmethod
+    def from_function(cls, function: FunctionType, file: str) -> SourceLocator | None:
+        """The locator of a function; None leaves it to Numba's own."""
+        _forget_if_changed(file)
+        return cls(function, file) if any(_is_ours(one) for one in _reached_from(file)) else None
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, without what was compiled from other source; Numba calls it before it writes there."""
+        super().ensure_cache_path()
+        for path in Path(self._folder).glob(f"{glob.escape(self._name)}-*.nb[ic]"):
+            if self.get_disambiguator() not in path.name:
+                with suppress(OSError):  # another process may have deleted it
+                    path.unlink()
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return self._folder
+
+    def get_source_stamp(self) -> str:
+        """A hash of all source that the function can reach."""
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        """Part of the names of the files: processes that run different source never write the same ones."""
+        return self._stamp[:16]
 
 
-def _reached_from(source: Path, imports: dict[Path, list[Path]]) -> set[Path]:
-    """A source file and its direct and indirect imports."""
-    reached, pending = set(), [source]
+if SourceLocator not in _caching.CacheImpl._locator_classes:
+    _caching.CacheImpl._locator_classes.insert(0, SourceLocator)
+
+
+_temporary: list[Path] = []
+
+
+def temporary_folder(warning: str) -> Path:
+    """A folder that is deleted at the end of this process; the first use in it warns."""
+    if not _temporary:
+        folder, owner = Path(tempfile.mkdtemp(prefix="planarm-")), os.getpid()
+
+        def delete() -> None:
+            if os.getpid() == owner:  # not in a forked process
+                shutil.rmtree(folder, ignore_errors=True)
+
+        atexit.register(delete)
+        _temporary.append(folder)
+        warnings.warn(warning, RuntimeWarning, stacklevel=3)
+    return _temporary[0]
+
+
+def is_private(folder: Path) -> bool:
+    """Whether nobody but the user and root can put files into a folder or replace it; also if there is none yet.
+
+    Caches hold machine code: whoever can write them can run code as the user.
+    """
+    for path, others in ((folder, False), (folder.parent, True)):
+        if sys.platform != "win32" and path.exists():
+            status = path.stat()
+            sticky = others and status.st_mode & stat.S_ISVTX
+            if status.st_uid not in (0, os.geteuid()) or (status.st_mode & stat.S_IWOTH and not sticky):
+                return False
+    return True
+
+
+@cache
+def _cache_folder(file: str, chosen: str) -> str:
+    """The first of Numba's folders that can be written."""
+    kinds = ["InTreeCacheLocator", "UserWideCacheLocator"]
+    for kind in ["UserProvidedCacheLocator", *kinds] if chosen else kinds:
+        locator = getattr(_caching, kind)(_cache_folder.__wrapped__, file)
+        folder = str(locator.get_cache_path())
+        with suppress(OSError):
+            if kind == "UserProvidedCacheLocator" and not is_private(Path(folder)):
+                warnings.warn(
+                    f"NUMBA_CACHE_DIR {chosen} is not used: others can write there, and so run code as you",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+            elif not folder.startswith("~"):  # no home
+                locator.ensure_cache_path()
+                return folder
+    temporary = temporary_folder(
+        f"compiled functions are not kept for the next process: neither {os.path.dirname(file)} nor a folder in the "
+        "user's home can be written; set NUMBA_CACHE_DIR, and PLANARM_CACHE for tables, to folders that can"
+    )
+    return str(temporary / _caching._CacheLocator.get_suitable_cache_subpath(file))
+
+
+class _Source(NamedTuple):
+    """A source file as it was when it was read."""
+
+    changed: tuple[int, int]
+    digest: bytes
+    imports: tuple[str, ...]
+
+
+_sources: dict[str, _Source] = {}
+
+
+def _forget_if_changed(file: str) -> None:
+    """Forget all source if a file is not as it was read: its module is loaded again."""
+    if file in _sources and _sources[file].changed != _changed(file):
+        _sources.clear()
+        _stamp.cache_clear()
+        _reached_from.cache_clear()
+
+
+def _changed(file: str) -> tuple[int, int]:
+    status = os.stat(file)
+    return status.st_mtime_ns, status.st_size
+
+
+def _source(file: str) -> _Source:
+    if file not in _sources:
+        changed, content = _changed(file), Path(file).read_bytes()
+        imports = tuple(dict.fromkeys(_imports(Path(file), content)))
+        _sources[file] = _Source(changed, hashlib.sha256(content).digest(), imports)
+    return _sources[file]
+
+
+@cache
+def _stamp(file: str) -> str:
+    sources = sorted((os.path.basename(one), _source(one).digest) for one in _reached_from(file))
+    return hashlib.sha256(repr(sources).encode()).hexdigest()
+
+
+@cache
+def _reached_from(file: str) -> frozenset[str]:
+    """A source file and its direct and indirect imports; none if there is no such file."""
+    reached: set[str] = set()
+    pending = [file] if os.path.isfile(file) else []
     while pending:
-        path = pending.pop()
-        if path not in reached:
-            reached.add(path)
-            pending += imports.get(path, [])
-    return reached
+        one = pending.pop()
+        if one not in reached:
+            reached.add(one)
+            pending += _source(one).imports
+    return frozenset(reached)
 
 
-def _imports(path: Path, roots: dict[str, Path]) -> Iterator[Path]:
-    """Files of the modules that a file imports from packages below the roots."""
-    for module, names, plain in _IMPORT.findall(path.read_text(encoding="utf-8")):
-        parts = (module or plain).split(".")
-        if parts[0] not in roots:
-            continue
-        place = roots[parts[0]].joinpath(*parts)
-        submodules = [place / name.split(" as ")[0].strip() for name in names.split(",")] if names else []
-        found = [one for one in submodules if one.with_suffix(".py").is_file() or (one / "__init__.py").is_file()]
-        for one in found if submodules and len(found) == len(submodules) else [*found, place]:
-            yield one / "__init__.py" if (one / "__init__.py").is_file() else one.with_suffix(".py")
+def _is_ours(file: str) -> bool:
+    return any(Path(file).is_relative_to(_ROOT / name) for name in OURS)
+
+
+def _imports(path: Path, content: bytes) -> Iterator[str]:
+    """Files of the modules that a file imports, other than those of installed libraries."""
+    base = path.parent
+    while (base / "__init__.py").is_file():
+        base = base.parent
+    package = path.parent.relative_to(base).parts
+    for module, names, plain in _IMPORT.findall(_COMMENT.sub(b"", content)):
+        for one in plain.decode(errors="replace").split(","):
+            yield from _files(one.split(" as ")[0].split(), base, package)
+        if module:
+            listed = re.sub(r"\bas\s+\w+", "", names.decode(errors="replace"))
+            yield from _files([module.decode(), *re.findall(r"\w+", listed)], base, package)
+
+
+def _files(imported: list[str], base: Path, package: tuple[str, ...]) -> Iterator[str]:
+    """Files of ``[module]`` imported plainly, or ``[module, *names]`` imported from it, in a file of a package."""
+    if not imported:
+        return
+    name = imported[0].lstrip(".")
+    dots = len(imported[0]) - len(name)
+    parts = (*package[: len(package) + 1 - dots], *name.split(".")) if dots else tuple(name.split("."))
+    for root in _roots(base, parts[0] if parts else "", package):
+        place = root.joinpath(*(part for part in parts if part))
+        found = [file for name in imported[1:] for file in _module(place / name)]
+        whole = [] if found and len(found) == len(imported) - 1 else _module(place)
+        if found or whole:
+            yield from [*found, *whole]
+            return
+
+
+def _roots(base: Path, top: str, package: tuple[str, ...]) -> Iterator[Path]:
+    """Folders in which a module of the user's or of these packages may lie; libraries are not followed."""
+    if top in OURS:
+        yield _ROOT
+        return
+    if top in package[:1] or not _LIBRARY & set(base.parts):
+        yield base
+    yield from (Path(entry) for entry in sys.path if entry and not _LIBRARY & set(Path(entry).parts))
+
+
+def _module(place: Path) -> list[str]:
+    return [str(one) for one in (place / "__init__.py", place.with_suffix(".py")) if one.is_file()][:1]

@@ -5,14 +5,20 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
+
+_DRAFTS = count()
+_STANDARD = ("/dev/stdin", "/dev/stdout", "/dev/stderr")
 
 
 @contextmanager
@@ -37,11 +43,11 @@ def whole_file(path: Path) -> Iterator[Path]:
 @contextmanager
 def _replaced(path: Path) -> Iterator[Path]:
     """A draft that goes where ``path`` leads."""
-    if _is_stream(path):
+    if is_stream(path):
         with TemporaryDirectory() as folder:
-            draft = Path(folder) / path.name
+            draft = Path(folder) / f"draft{path.suffix}"
             yield draft
-            with draft.open("rb") as content, path.open("wb") as stream:
+            with draft.open("rb") as content, _open_stream(path) as stream:
                 shutil.copyfileobj(content, stream)
         return
     target = Path(os.path.realpath(path))
@@ -51,11 +57,23 @@ def _replaced(path: Path) -> Iterator[Path]:
         yield draft
         if target.exists():
             shutil.copymode(target, draft)
-        with draft.open("rb") as content:
+        with draft.open("r+b") as content:
             os.fsync(content.fileno())
         os.replace(draft, target)
+        _sync_folder(target.parent)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Keep a renaming through a power failure, where folders can be synchronised."""
+    if os.name == "posix":
+        with suppress(OSError):
+            number = os.open(folder, os.O_RDONLY)
+            try:
+                os.fsync(number)
+            finally:
+                os.close(number)
 
 
 def check_output(path: Path | None) -> None:
@@ -68,11 +86,15 @@ def check_output(path: Path | None) -> None:
     if path.is_dir():
         raise ValueError(f"cannot write {path}: it is a folder; give the name of a file")
     try:
-        if _is_stream(path):
-            if not os.access(path, os.W_OK):
+        if is_stream(path):
+            if _descriptor(path) is None and not os.access(path, os.W_OK):
                 raise PermissionError("it may not be written to")
             return
         target = Path(os.path.realpath(path))
+        if target.is_symlink():
+            raise ValueError("its symbolic links lead round in a circle")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PermissionError("it may not be written to")
         existing = next(parent for parent in target.parents if parent.exists())
         draft = _draft(existing / target.name, path.suffix)
         draft.touch()
@@ -82,14 +104,33 @@ def check_output(path: Path | None) -> None:
 
 
 def _draft(target: Path, suffix: str) -> Path:
-    return target.with_name(f".{target.stem[:100]}.{os.getpid()}{suffix}")
+    """The name of a draft; of a long name, whose letters may take several bytes, only the beginning."""
+    return target.with_name(f".{target.stem[:20]}.{os.getpid()}-{next(_DRAFTS)}{suffix[:20]}")
 
 
-def _is_stream(path: Path) -> bool:
-    """Whether a path is a pipe, a device, or one of the standard streams, which are not to be replaced."""
-    if os.path.abspath(path).startswith(("/dev/fd/", "/dev/std", "/proc/self/fd/")):
-        return True
-    return path.exists() and not path.is_file() and not path.is_dir()
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe, a device, or one of the open files, which are not to be replaced."""
+    return _descriptor(path) is not None or (path.exists() and not path.is_file() and not path.is_dir())
+
+
+def _descriptor(path: Path) -> int | None:
+    """The number of an open file that a path such as ``/dev/stdout`` or ``/dev/fd/3`` means; None for others."""
+    name = os.path.abspath(path)
+    if name in _STANDARD:
+        return _STANDARD.index(name)
+    found = re.fullmatch(r"/(?:dev|proc/self)/fd/(\d{1,9})", name)
+    return None if found is None else int(found[1])
+
+
+def _open_stream(path: Path) -> BinaryIO:
+    """A pipe or a device to write to; of an open file a second handle, which goes on where that one is."""
+    descriptor = _descriptor(path)
+    if descriptor is None:
+        return path.open("wb")
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    return os.fdopen(os.dup(descriptor), "wb")
 
 
 def write_bytes(path: Path, content: bytes) -> None:

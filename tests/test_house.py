@@ -17,6 +17,7 @@ from packaging.utils import canonicalize_name
 
 import agents
 import envs
+import planarm
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -78,18 +79,18 @@ def test_core_installs_no_torch() -> None:
 
 def test_the_version_is_pyprojects() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert agents.__version__ == envs.__version__ == version
+    assert agents.__version__ == envs.__version__ == planarm.__version__ == version
 
 
 def test_paths_in_readme_exist() -> None:
-    paths = re.findall(r"\b(?:planners|envs|agents|configs|tests|tools|docs)/[\w/.-]*\w", README)
+    paths = re.findall(r"\b(?:planarm|planners|envs|agents|configs|tests|tools|docs)/[\w/.-]*\w", README)
     assert paths
     assert not [path for path in paths if not (ROOT / path).exists()]
 
 
 SOURCE = {
     path.relative_to(ROOT).with_suffix("").as_posix().removesuffix("/__init__").replace("/", "."): path
-    for floor in ("planners", "envs", "agents", "tools")
+    for floor in ("planarm", "planners", "envs", "agents", "tools")
     for path in sorted((ROOT / floor).rglob("*.py"))
 }
 
@@ -120,9 +121,9 @@ def imports_between(importer: str, imported: str) -> list[tuple[str, str]]:
 
 METHODS = ("planners.dpct", "planners.lagrange", "planners.apf")
 FORBIDDEN = [
-    *[("planners", upper) for upper in ("envs", "agents", "tools")],
-    *[("envs", upper) for upper in ("agents", "tools")],
-    ("agents", "tools"),
+    *[("planners", upper) for upper in ("envs", "agents", "planarm", "tools")],
+    *[("envs", upper) for upper in ("agents", "planarm", "tools")],
+    *[("agents", upper) for upper in ("planarm", "tools")],
     *[(one, other) for one in METHODS for other in METHODS if one != other],
     *[("planners.motion", method) for method in METHODS],
 ]

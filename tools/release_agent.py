@@ -25,7 +25,7 @@ from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import Agent
 from agents.policies.files import load_agent, save_agent
 from agents.tables import Table, short_text
-from agents.training.learning_curves import Curve, check_alike, differing, read_curve
+from agents.training.learning_curves import Curve, differing, read_curve, without_copies
 
 TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"
 SELECTION_SEED, HELD_OUT_SEED = 2_000_000, 0
@@ -112,7 +112,10 @@ def read_finished(folders: Sequence[Path]) -> list[Curve]:
     if not folders:
         raise ValueError("no runs: give the folders of finished ones, one a training seed")
     curves = [read_curve(folder) for folder in folders]
-    check_alike(curves)
+    if len(tasks := sorted({curve.config.env_id for curve in curves})) > 1:
+        raise ValueError(f"runs of {' and of '.join(tasks)}: give runs of one environment")
+    if copies := without_copies(curves)[1]:
+        raise ValueError("; ".join(copies))
     if names := differing(curves):
         raise ValueError(
             f"the runs differ in {', '.join(names)}: the spread over training seeds is that of one recipe; "

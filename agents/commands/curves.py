@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from agents.commands.pictures import check_picture, write_picture
-from agents.console import say
+from agents.commands.outputs import write_picture
+from agents.console import note, say
 from agents.evaluation.summarise import card_of
 from agents.figures.curves import draw_curves
 from agents.tables import Table, short_text
-from agents.training.learning_curves import Curve, Groups, check_alike, differing, grouped, read_curve
+from agents.training.learning_curves import Curve, Groups, differing, grouped, read_curve, without_copies
 from envs.card import Metric
 from envs.settings import refuse_unknown
 
@@ -28,7 +28,8 @@ class CurvesOptions:
 
     Runs are grouped by one of their settings; within a group only the seed should differ. Unfinished runs are shown as
     far as they are. What is no run, or has no evaluation yet, is left out and named. Runs of several environments give
-    a table and a picture each: curves-ConveyorTrack-v0.png for --plot curves.png.
+    a table and a picture each: curves-ConveyorTrack-v0.png for --plot curves.png. The exit code is 1 if nothing can be
+    shown.
 
     For example:
 
@@ -54,18 +55,12 @@ def run(options: CurvesOptions) -> int:
     """Print the table and draw the picture; the exit code."""
     if not options.runs:
         raise ValueError("no runs: give the folders of at least one, such as runs/*")
-    check_picture(options.plot, options.dpi)
     curves, skipped = read_curves(options.runs)
-    if not curves:
-        raise ValueError(f"no run to show: {'; '.join(skipped)}")
-    environments: dict[str, list[Curve]] = {}
-    for curve in curves:
-        environments.setdefault(curve.config.env_id, []).append(curve)
-    shown = []
-    for env_id, own in environments.items():
-        check_alike(own)
-        metrics = chosen_metrics(own, options.metrics)
-        shown.append((env_id, grouped(own, options.by), metrics))
+    shown, unfit = _by_environment(curves, options)
+    skipped += unfit
+    if not shown:
+        note(f"planarm curves: no run to show: {'; '.join(skipped)}")
+        return 1
     if (plot := options.plot) is not None:
         for env_id, groups, metrics in shown:
             path = plot.with_name(f"{plot.stem}-{env_id}{plot.suffix}") if len(shown) > 1 else plot
@@ -92,16 +87,58 @@ def read_curves(folders: Sequence[Path]) -> tuple[list[Curve], list[str]]:
                 curves.append(read_curve(folder))
             except ValueError as error:
                 skipped.append(str(error))
-    return curves, skipped
+    curves, copies = without_copies(curves)
+    return curves, [*skipped, *copies]
+
+
+def _by_environment(
+    curves: Sequence[Curve], options: CurvesOptions
+) -> tuple[list[tuple[str, Groups, list[Metric]]], list[str]]:
+    """Groups and metrics of each environment, and a line about each run or environment that does not have them.
+
+    Raises:
+        ValueError: if none has the metrics, or the setting to group by.
+    """
+    environments: dict[str, list[Curve]] = {}
+    for curve in curves:
+        environments.setdefault(curve.config.env_id, []).append(curve)
+    shown, lines, refused = [], list[str](), list[ValueError]()
+    for env_id, own in environments.items():
+        try:
+            metrics = chosen_metrics(own, options.metrics)
+            whole = [curve for curve in own if not _lacking(curve, metrics)]
+            groups = grouped(whole, options.by)
+        except ValueError as error:
+            refused.append(error)
+            lines.append(f"the runs of {env_id}: {error}")
+            continue
+        lines += [
+            f"{curve.folder} has no column {', '.join(_lacking(curve, metrics))} in its metrics.csv"
+            for curve in own
+            if curve not in whole
+        ]
+        if whole:
+            shown.append((env_id, groups, metrics))
+    if refused and not shown:
+        raise refused[0]
+    return shown, lines
+
+
+def _lacking(curve: Curve, metrics: Sequence[Metric]) -> list[str]:
+    """Columns that a run does not have, of those of some metrics."""
+    names = [metric.key for metric in metrics]
+    return [
+        name for name in (*names, *(f"expert_{name}" for name in names if curve.expert)) if name not in curve.columns
+    ]
 
 
 def chosen_metrics(curves: Sequence[Curve], names: Sequence[str]) -> list[Metric]:
     """The metrics to show: those of these names, or else success, return and the task's primary one.
 
     Raises:
-        ValueError: for a name that is no column of metrics.csv.
+        ValueError: for a name that is no column of any metrics.csv.
     """
-    card, columns = card_of(curves[0].config.env_id), curves[0].columns
+    card, columns = card_of(curves[0].config.env_id), dict.fromkeys(name for curve in curves for name in curve.columns)
     known = {metric.key: metric for metric in (*COMMON, *card.metrics)}
     wanted = names or [metric.key for metric in (*COMMON, *([card.primary] if card.primary else []))]
     described = ("steps", "seconds")

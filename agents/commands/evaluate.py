@@ -65,7 +65,7 @@ class EvaluateOptions(ScoreOutputs):
             "bound_episodes": 0,
             "seed": self.seed,
             "num_envs": self.num_envs,
-            "policies": tuple(dict.fromkeys((self.policy, *self.against))),
+            "policies": (self.policy, *self.against),
             "tasks": [
                 {
                     "env": env_id,

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 import envs
-from agents.commands.pictures import check_picture, write_picture
+from agents.commands.outputs import write_picture
 from agents.commands.reset_options import given_options
 from agents.console import note
 from agents.environments import check_names, check_seed, import_env
@@ -18,7 +18,7 @@ from agents.figures.episode_record import EpisodeRecord, picture_of, record_epis
 from agents.figures.paths import draw_paths
 from agents.policies.lookup import name_policies
 from agents.tables import Table
-from agents.yaml_config import assigned
+from agents.yaml_config import assigned, refuse_twice
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ def run(options: PathsOptions) -> int:
     names = list(envs.task_card(env_id).experts)[:3] if options.policies is None else options.policies
     if not 1 <= len(names) <= 4:
         raise ValueError(f"{len(names)} policies: give 1 to 4")
+    refuse_twice(names, "policy")
     check_seed(options.seed)
     reset_options = given_options(options.options, options.scenario)
     settings = assigned({}, options.settings)
     check_names(env_id, settings, reset_options)
-    check_picture(options.plot, options.dpi)
     policies = name_policies(names, env_id, allow_code=options.allow_code)
     for named in policies:
         if assumption := named.assumption(env_id, settings):

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from agents.commands.pictures import check_picture
+from agents.commands.outputs import write_picture
 from agents.console import note, say
 from agents.environments import import_before
 from agents.figures.film import require_recordable
@@ -29,7 +29,6 @@ from planners import (
     plan,
 )
 from planners.capabilities import VARIANTS, capability_rows
-from planners.files import check_output
 from planners.goals import goal_postures
 from planners.problem import Target
 from planners.typing import Array
@@ -121,6 +120,10 @@ class PlanOptions:
     def _target(self) -> Target:
         if (self.to is None) == (self.to_joints is None):
             raise ValueError("give either --to, x and y of the hand in m, or --to-joints, joint angles in rad")
+        for name in ("moving", "orientation"):
+            other = "moving" if name == "orientation" and self.moving is not None else "to_joints"
+            if getattr(self, name) is not None and getattr(self, other) is not None:
+                raise ValueError(f"--{name} and --{other.replace('_', '-')} contradict: leave one of them out")
         if self.to is None:
             return FixedJoints(np.array(self.to_joints))
         if self.moving is not None:
@@ -131,30 +134,34 @@ class PlanOptions:
 def run(options: PlanOptions) -> int:
     """Plan, print and write; the exit code."""
     if options.list:
+        if options != PlanOptions(list=True):
+            raise ValueError("--list prints what there is and stops: leave the other options out")
         _list()
         return 0
     problem = options.problem()
-    for path in (options.csv, options.save, options.plot, options.animate):
-        check_output(path)
-    check_picture(options.plot, options.dpi)
     if options.animate is not None:
         require_recordable(options.animate, fps=FPS, width=WIDTH)
     planner = None if options.planner is None else import_before(options.planner)
     if planner is not None:
         refuse_unknown([planner], {entry.planner for entry in VARIANTS.values()}, "planner")
-    trajectory = plan(problem, planner, options.variant, **assigned({}, options.options))
-    _show(trajectory)
+    more = assigned({}, options.options)
+    for name in ("problem", "planner", "variant"):
+        if name in more:
+            how = "--arm, --start, --to" if name == "problem" else f"--{name}"
+            raise ValueError(f"{name} is no option of a variant; it is given by {how}")
+    trajectory = plan(problem, planner, options.variant, **more)
     if options.csv is not None:
         trajectory.to_csv(options.csv)
+        note(f"wrote {options.csv}")
     if options.save is not None:
         trajectory.save(options.save)
+        note(f"wrote {options.save}")
     if options.plot is not None:
-        trajectory.plot(options.plot)
+        write_picture(trajectory.plot(), options.plot, options.dpi)
     if options.animate is not None:
         trajectory.animate(options.animate, fps=FPS, width=WIDTH)
-    for path in (options.csv, options.save, options.plot, options.animate):
-        if path is not None:
-            note(f"wrote {path}")
+        note(f"wrote {options.animate}")
+    _show(trajectory)
     return 0
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from gymnasium.error import DependencyNotInstalled
 
 import envs
 from agents.commands.reset_options import given_options
@@ -79,8 +80,15 @@ def run(options: RolloutOptions) -> int:
         require_display()
     policy = options.policy or expert_names(env_id)[0]
     named = find_policy(policy, env_id, allow_code=options.allow_code)
-    mode = {} if options.control_mode is None else {"control_mode": options.control_mode}
-    settings = named.own_settings({**assigned({}, options.settings), **mode})
+    changes = assigned({}, options.settings)
+    if options.control_mode is not None:
+        if changes.get("control_mode", options.control_mode) != options.control_mode:
+            raise ValueError(
+                f"--control-mode {options.control_mode} and --settings control_mode={changes['control_mode']}: give "
+                "one of them"
+            )
+        changes["control_mode"] = options.control_mode
+    settings = named.own_settings(changes)
     reset_options = given_options(options.options, options.scenario)
     check_names(env_id, settings, reset_options)
     if assumption := named.assumption(env_id, settings):
@@ -103,9 +111,22 @@ def run(options: RolloutOptions) -> int:
 
 
 def require_display() -> None:
-    """Raise a ValueError where a window cannot be shown."""
-    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))):
+    """Raise a ValueError where a window cannot be shown, or a DependencyNotInstalled without pygame."""
+    wanted = os.environ.get("SDL_VIDEODRIVER")
+    if sys.platform == "linux" and not (wanted or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))):
         raise ValueError("--render needs a display, and neither DISPLAY nor WAYLAND_DISPLAY names one: use --record")
+    try:
+        import pygame
+    except ModuleNotFoundError:
+        raise DependencyNotInstalled('--render needs pygame; run: pip install "planarm[viz]"') from None
+    try:
+        pygame.display.init()
+        driver = pygame.display.get_driver()
+        pygame.display.quit()
+    except pygame.error as error:
+        raise ValueError(f"--render finds no display: {error}; use --record") from None
+    if driver in ("dummy", "offscreen") and driver != wanted:  # in place of a display that does not answer
+        raise ValueError("--render needs a display, and the one that DISPLAY names does not answer: use --record")
 
 
 def info_rows(info: Info, indent: str = "") -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
+from agents.console import catch_interrupt, note, progress_bar
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_config
 
@@ -73,9 +74,12 @@ class TrainOptions:
 def run(options: TrainOptions) -> int:
     """Train; the exit code."""
     training = options.make_run()
-    if not _train_with_bar(training):
-        note(f"stopped; continue from {training.steps:,} steps: planarm train --resume {training.folder}")
-        return INTERRUPTED
+    if remark := training.config.remark:
+        note(remark, "yellow")
+    if code := _train_with_bar(training):
+        command = shlex.join(["planarm", "train", "--resume", str(training.folder)])
+        note(f"stopped; continue from {training.steps:,} steps: {command}")
+        return code
     note(f"{training.steps:,} steps; the best agent is {training.folder}/best.safetensors")
     return 0
 
@@ -88,8 +92,8 @@ def _runs() -> type[TrainingRun]:
     return TrainingRun
 
 
-def _train_with_bar(training: TrainingRun) -> bool:
-    """Train until all is done, or Ctrl-C stops it; whether all is done."""
+def _train_with_bar(training: TrainingRun) -> int:
+    """Train until all is done, or Ctrl-C or SIGTERM stops it; the exit code."""
     from agents.training.run import Watcher
 
     bar = progress_bar("steps, {task.fields[rate]}/s", transient=False, more="{task.fields[scores]}")
@@ -104,17 +108,16 @@ def _train_with_bar(training: TrainingRun) -> bool:
         if bar.disable:
             note(f"{row['steps']:,} steps, {row['seconds']:.0f} s: {_scores(row)}")
 
-    with catch_interrupt(at_once=True) as interrupts, bar:
+    with suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts, bar:
         watcher = Watcher(
             begin=lambda line: bar.update(task, description=line),
             step=step,
             evaluated=evaluated,
             stop=lambda: bool(interrupts),  # where Python could not raise the KeyboardInterrupt, as in a destructor
         )
-        try:
-            return training.train(watcher)
-        except KeyboardInterrupt:
-            return False
+        if training.train(watcher):
+            return 0
+    return interrupts[0]
 
 
 def _scores(row: Row) -> str:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 import envs
 from agents.environments import SEED_MOST, import_env, portable
-from agents.yaml_config import load_config
+from agents.yaml_config import load_config, refuse_twice
 from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.settings import Settings, refuse_unknown
 
+MOST_EPISODES = 10_000_000
 SHIPPED_CONFIG = "benchmark"  # name of the configuration of the leaderboard
 
 
@@ -49,7 +50,7 @@ class BenchmarkTask(Settings):
     env_config: dict[str, Any] = Field(default_factory=dict)
     options: dict[str, Any] = Field(default_factory=dict)
     policies: tuple[str, ...] | None = Field(None, min_length=1)
-    episodes: int | None = Field(None, ge=1)
+    episodes: int | None = Field(None, ge=1, le=MOST_EPISODES)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
 
@@ -85,13 +86,20 @@ class BenchmarkConfig(Settings):
         replays: number of seeds of each task whose episodes are recorded for the report, of every policy.
     """
 
-    episodes: int = Field(ge=1)
+    episodes: int = Field(ge=1, le=MOST_EPISODES)
     bound_episodes: int = Field(ge=0)
     seed: int = Field(0, ge=0, le=SEED_MOST)
     num_envs: int = Field(256, ge=1)
     policies: tuple[str, ...] = Field(min_length=1)
     tasks: tuple[BenchmarkTask, ...] = Field(min_length=1)
     replays: int = Field(8, ge=0)
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        """Each policy and each task once."""
+        refuse_twice(self.policies, "policy")
+        refuse_twice([task.title for task in self.tasks], "task")
+        return self
 
 
 def configure(config: str, changes: Mapping[str, Any], tasks: Sequence[str] | None = None) -> BenchmarkConfig:

@@ -33,6 +33,11 @@ def require_recordable(path: Path, *, fps: int, width: int) -> None:
     for module, extra in (("PIL", "viz"), _NEEDS[path.suffix.lower()]):
         if importlib.util.find_spec(module) is None:
             raise DependencyNotInstalled(f'recording {path.suffix} needs {module}; run: pip install "planarm[{extra}]"')
+    if path.suffix.lower() == ".mp4":
+        try:
+            _encode(bytes(3 * 16 * 16), (16, 16), fps, "-f", "null", "-")
+        except OSError as error:
+            raise ValueError(f"cannot write {path}: {error}; record a .gif, or install another ffmpeg") from None
 
 
 class Film:
@@ -73,9 +78,8 @@ class Film:
         # The drawing's own colours come first: a small part of the picture, such as a lamp, keeps its colour.
         own = [color for color in vars(palette).values() if isinstance(color, tuple)]
         others = sheet.quantize(_GIF_COLORS - len(own)).getpalette() or []
-        colors = Image.new("P", (1, 1))
-        colors.putpalette([channel for color in own for channel in color] + others[: 3 * (_GIF_COLORS - len(own))])
-        frames = [frame.quantize(palette=colors, dither=Image.Dither.NONE) for frame in self._frames]
+        colors = np.array([*own, *np.reshape(others, (-1, 3))[: _GIF_COLORS - len(own)]], np.uint8)
+        frames = [_quantized(frame, colors) for frame in self._frames]
         durations = [1000 // self._fps] * (len(frames) - 1) + [2000]
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False)
 
@@ -83,14 +87,38 @@ class Film:
         self._frames[-1].save(path, optimize=True)
 
     def _write_mp4(self, path: Path) -> None:
-        import imageio_ffmpeg
-
-        width, height = self._frames[0].size
-        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(self._fps), "-i", "-"]
-        wanted = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", str(path)]
-        program = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *given, *wanted]
         frames = b"".join(frame.tobytes() for frame in self._frames)
-        result = subprocess.run(program, input=frames, capture_output=True, check=False)
-        if result.returncode != 0:
-            complaint = " ".join(result.stderr.decode(errors="replace").split())[:300]
-            raise OSError(f"ffmpeg ended with {result.returncode}. {complaint}".strip())
+        _encode(frames, self._frames[0].size, self._fps, str(path))
+
+
+def _quantized(frame: Any, colors: NDArray[np.uint8]) -> Any:
+    """A frame in the nearest of the colours ``(n, 3)``; Pillow's own search rounds, and misses a colour by a little."""
+    from PIL import Image
+
+    pixels = np.asarray(frame, np.uint32)
+    packed = (pixels[..., 0] << 16) | (pixels[..., 1] << 8) | pixels[..., 2]
+    found, places = np.unique(packed, return_inverse=True)
+    shades = np.stack([found >> 16, (found >> 8) & 255, found & 255], axis=1).astype(np.int32)
+    nearest = ((shades[:, None] - colors.astype(np.int32)) ** 2).sum(axis=2).argmin(axis=1).astype(np.uint8)
+    image = Image.fromarray(nearest[places.reshape(packed.shape)], "P")
+    image.putpalette(colors.tobytes())
+    return image
+
+
+def _encode(frames: bytes, size: tuple[int, int], fps: int, *output: str) -> None:
+    """Encode frames of ``size`` pixels as H.264; an OSError says why ffmpeg did not.
+
+    Its own messages name what it lacks, such as a codec or room on the disk.
+    """
+    import imageio_ffmpeg
+
+    try:
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+        given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", str(fps), "-i", "-"]
+        wanted = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", *output]
+        result = subprocess.run([ffmpeg, "-v", "error", "-y", *given, *wanted], input=frames, capture_output=True)
+    except (OSError, RuntimeError) as error:
+        raise OSError(f"ffmpeg cannot be run: {error}") from None
+    if result.returncode != 0:
+        complaint = " ".join(result.stderr.decode(errors="replace").split())[:300]
+        raise OSError(f"ffmpeg ended with {result.returncode}. {complaint}".strip())

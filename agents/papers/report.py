@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from agents.commands.outputs import write_picture
 from agents.console import note, say
-from agents.figures.sheet import Figure, image_bytes
+from agents.figures.sheet import Figure
 from agents.tables import Table
-from planners.files import write_bytes, write_json
+from planners.files import write_json
 
 Record = dict[str, Any]  # a result by the names that it has in the JSON
 Columns = Mapping[str, str | Callable[[Record], str]]
@@ -25,6 +26,7 @@ class ReportOptions:
 
         $ planarm paper-dpct
         $ planarm paper-lagrange --json results.json --plot figures.pdf
+        $ planarm paper-apf > tables.md
     """
 
     json: Path | None = None
@@ -71,8 +73,7 @@ def publish(report: Report, options: ReportOptions) -> None:
         write_json(options.json, {**report.records, **facts})
         note(f"wrote {options.json}")
     if options.plot is not None:
-        write_bytes(options.plot, image_bytes(report.figure(), options.plot.suffix, options.dpi))
-        note(f"wrote {options.plot}")
+        write_picture(report.figure(), options.plot, options.dpi, colors=None)
     for table in report.tables:
         table.show()
     for fact in report.facts:

@@ -107,7 +107,7 @@ class PlayedPolicy:
         if control is None:
             raise ValueError(f"{self.env_id} has no control {key}")
         self._waiting.pop(key, None)
-        if not control.write(self.task, 0, *arguments):
+        if not self.task.change(0, control, *arguments):
             self._waiting[key] = arguments
         elif control.replans:
             self._begins, self._state, self.ended = True, None, False

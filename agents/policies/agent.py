@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.card import task_card
 from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
@@ -25,6 +26,7 @@ ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that define what an action means and do not change the task."""
 FORMAT, SQUASHED_FORMAT = 1, 2
 """Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3)."""
+_MOST_LAYERS, _MOST_LOG_STD = 64, 80.0
 _LOG_STD_RANGE = np.float32(-20.0), np.float32(2.0)  # of SAC's noise, as Stable-Baselines3 limits it
 
 
@@ -49,8 +51,11 @@ class Agent:
     generator: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     def __post_init__(self) -> None:
-        refuse_unknown([self.document["activation"]], ACTIVATIONS, "activation of an agent")
-        _check_tensors(self.tensors, len(self.document["hidden"]) + 1, squashed=self.squashed)
+        refuse_unknown([str(self.document["activation"])], ACTIVATIONS, "activation of an agent")
+        hidden = self.document["hidden"]
+        if not isinstance(hidden, (list, tuple)) or len(hidden) > _MOST_LAYERS:
+            raise ValueError(f"hidden {hidden!r:.80} of an agent must list the widths of at most {_MOST_LAYERS} layers")
+        _check_tensors(self.tensors, len(hidden) + 1, squashed=self.squashed)
 
     @property
     def env_id(self) -> str:
@@ -144,8 +149,8 @@ class Agent:
         if replace(arm, gravity=0.0) != replace(self._task.arm, gravity=0.0):
             raise ValueError(
                 f"this agent was trained for another arm: {_in_words(self._task.arm)}; the environment has "
-                f"{_in_words(arm)}. Train one for this arm (planarm train {self.env_id} env_config.arm=...), or give "
-                "the environment the agent's arm"
+                f"{_in_words(arm)}. Train one for this arm (planarm train {task_card(self.env_id).recipe or 'my.yaml'} "
+                "arm=...), or give the environment the agent's arm"
             )
 
     @cached_property
@@ -176,17 +181,36 @@ def _in_words(arm: Arm) -> str:
 
 
 def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
-    """Raise a ValueError unless the layers fit together."""
+    """Raise a ValueError unless the layers fit together, so that compiled code reads nothing beside them."""
     names = [f"layer{layer}.{part}" for layer in range(layers) for part in ("weight", "bias")]
     noise: tuple[str, ...] = ("log_std.weight", "log_std.bias") if squashed else ("log_std",)
     if squashed and not any(name in tensors for name in noise):
         noise = ()  # of TD3
-    missing = [name for name in ("fine.index", "fine.gain", *noise, *names) if name not in tensors]
+    dimensions = {name: 2 if name.endswith("weight") else 1 for name in ("fine.index", "fine.gain", *noise, *names)}
+    missing = [name for name in dimensions if name not in tensors]
     if missing:
         raise ValueError(f"an agent lacks the tensors {', '.join(missing)}")
-    outputs = tensors[noise[-1]].size if noise else tensors[f"layer{layers - 1}.bias"].size
+    for name, expected in dimensions.items():
+        tensor, kinds = tensors[name], "iu" if name == "fine.index" else "f"
+        if tensor.ndim != expected or tensor.dtype.kind not in kinds:
+            wanted = f"{expected} dimensions of {'integers' if kinds == 'iu' else 'floats'}"
+            raise ValueError(f"{name} of an agent has shape {tensor.shape} of {tensor.dtype}; expected {wanted}")
+        if not np.isfinite(tensor).all():
+            raise ValueError(f"{name} of an agent holds values that are not finite")
+    index, last = tensors["fine.index"], tensors[f"layer{layers - 1}.bias"].size
+    observed = tensors["layer0.weight"].shape[1] - index.size
+    if tensors["fine.gain"].size != index.size or not ((index >= 0) & (index < observed)).all():
+        raise ValueError(
+            f"fine.index of an agent must name elements of observations of {max(observed, 0)}, each with its fine.gain"
+        )
     for layer in range(layers):
         weight, bias = tensors[f"layer{layer}.weight"], tensors[f"layer{layer}.bias"]
-        following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else outputs
+        following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else last
         if weight.shape[0] != bias.size or weight.shape[0] != following:
             raise ValueError(f"layer {layer} of an agent has {weight.shape[0]} outputs; the next takes {following}")
+    if "log_std" in tensors and (np.abs(tensors["log_std"]) > _MOST_LOG_STD).any():
+        raise ValueError(f"log_std of an agent must lie within {_MOST_LOG_STD} of 0")
+    for name in noise:
+        expected_shape = (last, tensors[f"layer{layers - 1}.weight"].shape[1])[: dimensions[name]]
+        if tensors[name].shape != expected_shape:
+            raise ValueError(f"{name} of an agent has shape {tensors[name].shape}; expected {expected_shape}")

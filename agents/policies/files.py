@@ -16,15 +16,19 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 import envs
-from agents.environments import portable
+from agents.environments import check_names, portable
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
+from planners.checks import brief
+from planners.documents import read_document
 from planners.files import write_bytes, write_json
 
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
 _REPLACED = "replaced"  # key of the JSON of the weights that are about to be replaced
 _ATTEMPTS = 20
+MOST_BYTES, MOST_JSON_BYTES = 1 << 28, 1 << 20
+"""Largest sizes of the files of an agent, bytes: of its weights, and of its JSON."""
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
 
 
@@ -46,26 +50,36 @@ def load_agent(source: str | Path) -> Agent:
             was trained.
     """
     path = _find(source)
+    for _ in range(_ATTEMPTS):  # more than one only while another process replaces the agent
+        content = _weights(path)
+        document = _of_weights(read_document(path.with_suffix(".json"), MOST_JSON_BYTES), content)
+        if not isinstance(document, dict) or document.get("sha256") == _hash(content):
+            break
     try:
-        for _ in range(_ATTEMPTS):  # more than one only while another process replaces the agent
-            content = path.read_bytes()
-            tensors = load(content)
-            document = _of_weights(json.loads(path.with_suffix(".json").read_text(encoding="utf-8")), content)
-            if not isinstance(document, dict) or document.get("sha256") == _hash(content):
-                break
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, SafetensorError) as error:
-        raise ValueError(f"cannot read {path}: {error}") from None
+        tensors = load(content)
+    except (SafetensorError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
+        raise ValueError(f"cannot read {path}: {type(error).__name__}: {str(error)[:300]}") from None
     missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
     if missing:
         raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
     if document["format"] not in (FORMAT, SQUASHED_FORMAT):
         raise ValueError(
-            f"{path} has format {document['format']}; this version of planarm reads {FORMAT} and {SQUASHED_FORMAT}"
+            f"{path} has format {brief(document['format'])}; this version of planarm reads {FORMAT} and "
+            f"{SQUASHED_FORMAT}"
         )
     if document["sha256"] != _hash(content):
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
-    _check_layout(path, document)
-    return Agent(document, tensors)
+    try:
+        layout = layout_of(str(document["env"]), document["env_config"])
+        agent = Agent(document, tensors)
+    except ValueError as error:
+        raise ValueError(f"cannot read {path}: {error}") from None
+    _check_layout(path, document, layout)
+    if agent.observation_size != layout.size:
+        raise ValueError(
+            f"{path} takes observations of {agent.observation_size} elements; {agent.env_id} gives {layout.size}"
+        )
+    return agent
 
 
 def save_agent(agent: Agent, path: Path) -> None:
@@ -79,12 +93,28 @@ def save_agent(agent: Agent, path: Path) -> None:
     document = {**agent.document, "env_config": portable(agent.env_config), "sha256": _hash(content)}
     try:
         replaced = _of_weights(json.loads(beside.read_text(encoding="utf-8")), path.read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         replaced = None
     if isinstance(replaced, dict):
         write_json(beside, {**document, _REPLACED: {name: replaced[name] for name in replaced if name != _REPLACED}})
     write_bytes(path, content)
     write_json(beside, document)
+
+
+def _weights(path: Path) -> bytes:
+    """The file of an agent's weights; a ValueError if it cannot be read or is too large."""
+    if path.exists() and not path.is_file():
+        raise ValueError(f"cannot read {path}: it is no file")
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+    except FileNotFoundError:
+        raise ValueError(f"{path.parent} has no {path.name}, so it holds no agent") from None
+    except OSError as error:
+        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"cannot read {path}: it is larger than {MOST_BYTES >> 20} MiB")
+    return content
 
 
 def _of_weights(document: Any, content: bytes) -> Any:
@@ -113,6 +143,9 @@ def layout_of(env_id: str, env_config: Mapping[str, Any]) -> Layout:
         ValueError: if there is no such environment, or it refuses the settings.
     """
     refuse_unknown([env_id], envs.env_ids(), "environment")
+    if not isinstance(env_config, Mapping):
+        raise ValueError(f"settings of {env_id} must be names and values, not {env_config!r:.80}")
+    check_names(env_id, env_config, {}, takes_options=False)
     with closing(gym.make(env_id, **env_config)) as env:
         layout: Layout = env.unwrapped.task.layout  # type: ignore[attr-defined]
         return layout
@@ -136,14 +169,15 @@ def _find(source: str | Path) -> Path:
     return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
 
 
-def _check_layout(path: Path, document: Mapping[str, Any]) -> None:
+def _check_layout(path: Path, document: Mapping[str, Any], layout: Layout) -> None:
     """Raise a ValueError if the environment's observations have changed since the agent was trained."""
-    now = describe_layout(layout_of(document["env"], document["env_config"]))
+    now = describe_layout(layout)
     if now["layout_hash"] == document["layout_hash"]:
         return
-    before = document.get("layout", [])
+    listed = document.get("layout")
+    before = [entry for entry in listed if isinstance(entry, dict) and "name" in entry] if type(listed) is list else []
     changed = [
-        entry["name"] for entry in [*before, *now["layout"]] if entry not in before or entry not in now["layout"]
+        str(entry["name"]) for entry in [*before, *now["layout"]] if entry not in before or entry not in now["layout"]
     ]
     raise ValueError(
         f"{path} was trained on other observations of {document['env']} than this version of planarm gives (changed: "

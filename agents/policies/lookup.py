@@ -142,6 +142,8 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     """
     if is_expert(source):
         return NamedPolicy(source, source)
+    if not source:
+        raise ValueError("no policy: its name is empty")
     path = Path(source)
     if source.endswith(".zip"):
         model = load_model(path, allow_code=allow_code)

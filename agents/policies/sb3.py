@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import pickle
+import pickle  # nosec B403: only behind allow_code
 import zipfile
 from importlib import import_module
 from pathlib import Path
@@ -81,7 +81,7 @@ def _with_statistics(model: Any, path: Path) -> Policy:
         plain: Policy = model
         return plain
     try:
-        statistics = pickle.loads(found.read_bytes())
+        statistics = pickle.loads(found.read_bytes())  # nosec B301: load_model refuses without allow_code
         normalize, shape = statistics.normalize_obs, statistics.observation_space.shape
     except Exception as error:
         raise ValueError(f"{found} holds no statistics of a VecNormalize: {type(error).__name__}: {error}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
+from agents.console import catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.report.page import write_report
 from agents.report.results_file import Results
@@ -39,11 +40,8 @@ class ScoreOutputs:
 
 def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
     """Run a benchmark with a progress bar, write its files, print its tables; the exit code."""
-    started, board, interrupted = datetime.now(UTC), benchmark.board, False
-    try:
-        _run_with_bar(benchmark, record=outputs.json is not None or outputs.report is not None)
-    except KeyboardInterrupt:
-        interrupted = True
+    started, board = datetime.now(UTC), benchmark.board
+    if code := _run_with_bar(benchmark, record=outputs.json is not None or outputs.report is not None):
         note("interrupted: what follows is what was finished", "yellow")
     origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
     document = {**origin, **board.document()}
@@ -59,11 +57,12 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
         print(board.csv(), end="")
     else:
         board.show(markdown=outputs.format == "markdown", wide=outputs.wide)
-    return INTERRUPTED if interrupted or not board.complete else 0
+    return code
 
 
-def _run_with_bar(benchmark: Benchmark, *, record: bool) -> None:
-    with catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
+def _run_with_bar(benchmark: Benchmark, *, record: bool) -> int:
+    """Run a benchmark until all is done, or Ctrl-C or SIGTERM stops it; the exit code."""
+    with suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
         total = benchmark.total_episodes + (benchmark.total_replays if record else 0)
         task = bar.add_task("compiling, on the first run only", total=total)
 
@@ -85,3 +84,5 @@ def _run_with_bar(benchmark: Benchmark, *, record: bool) -> None:
         if record:
             benchmark.record(begin, advance)
             check()
+        return 0
+    return interrupts[0]

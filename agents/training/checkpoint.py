@@ -1,32 +1,31 @@
-"""The files of a training run: settings, metrics, agents, and the checkpoint from which it resumes."""
+"""What a training run writes after each segment: metrics, agents, and the checkpoint from which it resumes."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import torch
-import yaml
 
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
 from agents.policies.files import describe_layout, layout_of, save_agent
-from agents.provenance import machine, versions
+from agents.provenance import versions
 from agents.training.algorithms.segmented import Segmented
-from agents.training.devices import described
+from agents.training.folder import RL_DISTRIBUTIONS
 from agents.training.learning_curves import Row, merit
-from agents.training.recipe import OffPolicyConfig, TrainingConfig
+from agents.training.recipe import OffPolicyConfig
 from agents.training.replay import load_replay, save_replay
-from agents.training.warm_start.stage import damaged
-from planners.files import whole_file, write_json, write_text
+from agents.training.state_file import State, damaged, read_state, write_state
+from planners.files import whole_file, write_text
 
-RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
+CHECKPOINT, PREVIOUS = "checkpoint.pt", "previous.pt"
+"""The last checkpoint of a run, and the one before it, from which it goes on if the last is deleted."""
 
 
 @dataclass
@@ -36,61 +35,6 @@ class RunState:
     steps: int = 0  # control steps so far
     seconds: float = 0.0  # of training so far, without evaluations
     rows: list[Row] = field(default_factory=list)  # of metrics.csv so far
-
-
-def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
-    """Write what a run starts from: its settings, and the command, versions, machine and device.
-
-    Raises:
-        ValueError: if the folder is not empty.
-    """
-    if folder.exists() and any(folder.iterdir()):
-        raise ValueError(f"{folder} is not empty: choose another --out, or continue the run there: --resume {folder}")
-    settings = config.model_dump(mode="json")
-    origin = {"command": command, "seed": config.seed, "versions": versions(RL_DISTRIBUTIONS)}
-    write_json(folder / "run.json", {**origin, "machine": {**machine(), **described(config)}, "config": settings})
-    write_text(folder / "config.yaml", yaml.safe_dump(settings, sort_keys=False))
-
-
-@contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Keep other processes from training in a folder meanwhile, and remove what killed ones have left half-written.
-
-    Raises:
-        ValueError: if one is training there. The lock ends with its process, however that ends.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("a+b") as file:
-        try:
-            if sys.platform == "win32":
-                import msvcrt
-
-                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-            else:
-                import fcntl
-
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"another process is training in {folder}: wait for it, or stop it first") from None
-        for draft in folder.glob(".*.*.*"):
-            if draft.suffix in (".pt", ".npz", ".csv", ".json", ".yaml", ".safetensors"):
-                draft.unlink()
-        yield
-
-
-def check_origin(folder: Path, config: TrainingConfig) -> None:
-    """Raise a ValueError if a run's settings are not those that it began with; device and threads may change."""
-    try:
-        began = json.loads((folder / "run.json").read_text(encoding="utf-8")).get("config")
-    except (OSError, ValueError, AttributeError) as error:
-        raise ValueError(f"cannot read {folder / 'run.json'}: {error}") from None
-    now = config.model_dump(mode="json")
-    changed = [name for name in now if began is not None and now[name] != began.get(name)]
-    if changed := [name for name in changed if name not in ("device", "threads")]:
-        raise ValueError(
-            f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed)}): a run keeps its "
-            "settings; restore them (run.json has them), or begin another run"
-        )
 
 
 def make_agent(model: Segmented, seconds: float, scores: dict[str, float] | None = None) -> Agent:
@@ -114,8 +58,11 @@ def make_agent(model: Segmented, seconds: float, scores: dict[str, float] | None
     return Agent({**document, **({} if scores is None else {"scores": scores})}, model.actor_tensors())
 
 
-def save_checkpoint(folder: Path, model: Segmented, state: RunState, agent: Agent) -> None:
-    """Write the agent of the last row of ``state``, the metrics and, last, the checkpoint that ends the segment."""
+def save_checkpoint(folder: Path, run: str, model: Segmented, state: RunState, agent: Agent) -> None:
+    """Write the agent of the last row of ``state``, the metrics and, last, the checkpoint that ends the segment.
+
+    ``run`` is the identity of the run. The checkpoint before it is kept as ``previous.pt``.
+    """
     save_agent(agent, folder / "last.safetensors")
     *before, row = map(merit, state.rows)
     if row > max(before, default=(-1.0, 0.0)):
@@ -125,7 +72,7 @@ def save_checkpoint(folder: Path, model: Segmented, state: RunState, agent: Agen
     writer.writeheader()
     writer.writerows(state.rows)
     write_text(folder / "metrics.csv", text.getvalue())
-    content = {
+    content: State = {
         "parameters": model.get_parameters(),
         "variables": {name: getattr(model, name).detach().clone() for name in _variables(model)},
         "steps": state.steps,
@@ -135,42 +82,63 @@ def save_checkpoint(folder: Path, model: Segmented, state: RunState, agent: Agen
     }
     buffer = getattr(model, "replay_buffer", None)
     if buffer is not None:
-        content["replay"] = f"replay-{state.steps}.npz"
-        save_replay(folder / content["replay"], buffer)
-    with whole_file(folder / "checkpoint.pt") as draft:
-        torch.save(content, draft)
+        content["replay_sha256"] = save_replay(_replay(folder, state.steps), buffer)
+    if (folder / CHECKPOINT).exists():
+        with whole_file(folder / PREVIOUS) as draft:
+            copyfile(folder / CHECKPOINT, draft)
+    write_state(folder / CHECKPOINT, run, content)
+    kept = {_replay(folder, int(row["steps"])) for row in state.rows[-2:]}
     for path in folder.glob("replay-*.npz"):
-        if path.name != content.get("replay"):
+        if path not in kept:
             path.unlink()
 
 
-def load_checkpoint(folder: Path, model: Segmented) -> RunState:
+def load_checkpoint(folder: Path, run: str, model: Segmented) -> RunState:
     """Restore the networks, their optimizers and the replay buffer from a run's checkpoint, if there is one.
 
     Returns:
         The state of the run.
 
     Raises:
-        ValueError: if the checkpoint is damaged or of another run. No code in it is run.
+        ValueError: if the checkpoint is damaged or of a run with another identity than ``run``. No code in it is run.
     """
-    path = folder / "checkpoint.pt"
-    if not path.exists():
+    path = next((folder / name for name in (CHECKPOINT, PREVIOUS) if (folder / name).exists()), None)
+    if path is None:
         return RunState()
+    content = read_state(path, run, model.device)
     try:
-        content: dict[str, Any] = torch.load(path, weights_only=True, map_location=model.device)
-        parameters = {name: dict(content["parameters"][name]) for name in model._get_torch_save_params()[0]}
+        networks = list(model._get_torch_save_params()[0])
+        parameters = {name: dict(content["parameters"][name]) for name in networks}
         model.set_parameters(parameters, exact_match=True, device=model.device)
+        _check_optimizers(map(attrgetter, networks), model)
         for name in _variables(model):
-            getattr(model, name).data.copy_(content["variables"][name])
+            variable, value = getattr(model, name).data, content["variables"][name]
+            if value.shape != variable.shape:
+                raise ValueError(f"{name} has another shape")
+            variable.copy_(value)
         model.num_timesteps, model._n_updates = int(content["steps"]), int(content["updates"])
         state = RunState(model.num_timesteps, float(content["seconds"]), _checked(content["rows"]))
-    except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+        if state.steps != state.rows[-1]["steps"]:
+            raise ValueError("steps without a row")
+        digest = str(content["replay_sha256"]) if isinstance(model.config, OffPolicyConfig) else ""
     except Exception as error:  # a damaged file can fail in any way
         raise damaged(path, error) from None
-    if isinstance(model.config, OffPolicyConfig):
-        load_replay(folder / Path(str(content["replay"])).name, model.replay_buffer)
+    if digest:
+        load_replay(_replay(folder, state.steps), digest, model.replay_buffer)
     return state
+
+
+def _replay(folder: Path, steps: int) -> Path:
+    """The file of the replay buffer that belongs to a checkpoint."""
+    return folder / f"replay-{steps}.npz"
+
+
+def _check_optimizers(getters: Iterable[attrgetter[Any]], model: Segmented) -> None:
+    """Raise a ValueError unless the state of each optimizer has the shapes of its parameters."""
+    for optimizer in (part for get in getters if isinstance(part := get(model), torch.optim.Optimizer)):
+        for parameter, state in optimizer.state.items():
+            if any(value.ndim and value.shape != parameter.shape for value in state.values()):
+                raise ValueError("an optimizer of other networks")
 
 
 def _checked(rows: Any) -> list[Row]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from agents.yaml_config import load_config
 from envs.settings import refuse_unknown
 from planners.typing import Array
 
+_MOST_CHARACTERS = 1 << 24  # of metrics.csv
 Row = dict[str, Any]  # a row of metrics.csv, by column
 BY_START = "warm_start"  # groups by what a run begins with, and by its algorithm
 Groups = dict[str, list["Curve"]]  # curves by the label of their group
@@ -55,36 +57,48 @@ def read_curve(folder: Path) -> Curve:
     """
     config = load_config(str(folder / "config.yaml"), TrainingConfig)
     path = folder / "metrics.csv"
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is no file")
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+            text = file.read(_MOST_CHARACTERS + 1)
+        if len(text) > _MOST_CHARACTERS:
+            raise OSError(f"it has more than {_MOST_CHARACTERS} characters")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"cannot read {path}, which a run writes at its first evaluation: {error}") from None
     try:
         expert = rows[0].get("expert", "")
         columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "expert"}
         for name in ("steps", "seconds", "success", "return", *(("expert_success", "expert_return") if expert else ())):
             columns[name]  # a KeyError if it is missing
+        if not (np.isfinite([columns["steps"], columns["seconds"]]).all() and np.all(np.diff(columns["steps"]) > 0.0)):
+            raise ValueError("steps and seconds must be finite, and steps must grow from row to row")
+        if np.isnan([columns["success"], columns["return"]]).any():
+            raise ValueError("success and return must be numbers")
     except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__} {error}") from None
+        raise ValueError(f"{path} is damaged: {type(error).__name__} {str(error)[:200]}") from None
     return Curve(folder, config, expert, columns)
 
 
-def check_alike(curves: Sequence[Curve]) -> None:
-    """Raise a ValueError unless the runs are of one environment and all different."""
-    first, seen = curves[0], dict[str, Path]()
+def without_copies(curves: Sequence[Curve]) -> tuple[list[Curve], list[str]]:
+    """The runs that are all different, and a line about each other one: two of one seed would pass for agreement.
+
+    Of two of the same settings the one that is further is kept.
+    """
+    kept: dict[str, Curve] = {}
+    copies = []
     for curve in curves:
-        if curve.config.env_id != first.config.env_id:
-            raise ValueError(
-                f"{first.folder} is a run of {first.config.env_id}, {curve.folder} one of {curve.config.env_id}; "
-                "give runs of one environment"
+        key = curve.config.model_dump_json(exclude={"device", "threads"})
+        other = kept.setdefault(key, curve)
+        if other is not curve:
+            if curve.columns["steps"][-1] > other.columns["steps"][-1]:
+                kept[key], curve, other = curve, other, curve
+            copies.append(
+                f"{curve.folder} has the same settings and seed {curve.config.seed} as {other.folder}: the same "
+                "run twice"
             )
-        other = seen.setdefault(curve.config.model_dump_json(), curve.folder)
-        if other is not curve.folder:
-            raise ValueError(
-                f"{other} and {curve.folder} have the same settings and seed {curve.config.seed}: the same run twice, "
-                "which would pass for agreement between seeds; leave one out"
-            )
+    return list(kept.values()), copies
 
 
 def grouped(curves: Sequence[Curve], key: str) -> Groups:

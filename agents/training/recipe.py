@@ -11,7 +11,8 @@ from agents.yaml_config import assigned
 from envs.settings import Settings, refuse_unknown
 
 Device = Literal["auto", "cpu", "cuda"]
-Width = Annotated[int, Field(ge=1)]  # of a layer
+Width = Annotated[int, Field(ge=1, le=16_384)]  # of a layer
+Threads = Annotated[int, Field(ge=1, le=256)]
 
 EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
 
@@ -93,11 +94,11 @@ class TrainingConfig(Settings):
     algorithm: Literal["ppo", "sac", "td3"] = "ppo"
     env: str
     env_config: dict[str, Any] = Field(default_factory=dict)
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, le=2**32 - 1)
     device: Device = "auto"
-    threads: Literal["auto"] | Annotated[int, Field(ge=1)] = "auto"
+    threads: Literal["auto"] | Threads = "auto"
     total_steps: int = Field(3_000_000, ge=1)
-    num_envs: int = Field(128, ge=1)
+    num_envs: int = Field(128, ge=1, le=2**20)
     rollout_steps: int = Field(150, ge=2)
     batch_size: int = Field(2400, ge=2)
     learning_rate: float = Field(1e-3, gt=0.0)
@@ -118,6 +119,11 @@ class TrainingConfig(Settings):
         name = given.get("algorithm", "ppo")
         refuse_unknown([str(name)], RECIPES, "algorithm")
         return cast(Self, RECIPES[str(name)].parse(given, what))
+
+    @property
+    def remark(self) -> str:
+        """A sentence about something in the settings that may not be meant, if there is anything."""
+        return ""
 
     @property
     def env_id(self) -> str:
@@ -178,6 +184,17 @@ class PPOConfig(TrainingConfig):
         """What the run takes from an expert before it trains, if anything."""
         return self.warm_start
 
+    @property
+    def remark(self) -> str:
+        """A sentence about minibatches of unequal size, if there are any."""
+        samples = self.num_envs * self.rollout_steps
+        if samples % self.batch_size == 0:
+            return ""
+        return (
+            f"batch_size {self.batch_size} does not divide the {samples} samples of an update (num_envs "
+            f"{self.num_envs} x rollout_steps {self.rollout_steps}): its last minibatch has {samples % self.batch_size}"
+        )
+
 
 class OffPolicyConfig(TrainingConfig):
     """Settings that SAC and TD3 share beside those of every algorithm.
@@ -197,7 +214,7 @@ class OffPolicyConfig(TrainingConfig):
     """
 
     total_steps: int = Field(300_000, ge=1)
-    num_envs: int = Field(16, ge=1)
+    num_envs: int = Field(16, ge=1, le=2**20)
     rollout_steps: int = Field(1, ge=1)
     gradient_steps: int = Field(8, ge=1)
     batch_size: int = Field(256, ge=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,21 +19,24 @@ _ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "
 _HEADERS = 4096  # bytes that the header of an array may take
 
 
-def save_replay(path: Path, buffer: Any) -> None:
-    """Write the filled part of a replay buffer of Stable-Baselines3 atomically, as .npz."""
+def save_replay(path: Path, buffer: Any) -> str:
+    """Write the filled part of a replay buffer of Stable-Baselines3 atomically, as .npz; the file's SHA-256."""
     filled = buffer.buffer_size if buffer.full else buffer.pos
     arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}
     with whole_file(path) as draft:
         np.savez(draft, allow_pickle=False, position=np.array([buffer.pos, filled]), **arrays)
+        return _sha256(draft)
 
 
-def load_replay(path: Path, buffer: Any) -> None:
-    """Fill a replay buffer from a file of `save_replay`.
+def load_replay(path: Path, sha256: str, buffer: Any) -> None:
+    """Fill a replay buffer from the file of `save_replay` with this SHA-256.
 
     Raises:
         ValueError: if the file is missing, damaged, or of another buffer. Nothing larger than the buffer is read.
     """
     try:
+        if _sha256(path) != sha256:
+            raise ValueError("it is not the file that the checkpoint was written with")
         with zipfile.ZipFile(path) as archive:
             sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
         kept = {name: getattr(buffer, name) for name in _ARRAYS}
@@ -51,8 +55,15 @@ def load_replay(path: Path, buffer: Any) -> None:
         if not 0 <= position < buffer.buffer_size or filled not in (position, buffer.buffer_size):
             raise ValueError(f"position {position} of {filled} transitions")
     except (OSError, EOFError, KeyError, TypeError, ValueError, MemoryError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no replay buffer of this run: {error}") from None
+        raise ValueError(
+            f"{path} is no replay buffer of this run: {error}; restore it, or delete the checkpoints to begin again"
+        ) from None
     buffer.pos, buffer.full = position, filled == buffer.buffer_size
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def demonstrate(

@@ -24,22 +24,15 @@ from agents.policies.files import layout_of, save_agent
 from agents.training import devices
 from agents.training.algorithms import make_model
 from agents.training.algorithms.segmented import Segmented, fine_elements
-from agents.training.checkpoint import (
-    RunState,
-    alone_in,
-    check_origin,
-    load_checkpoint,
-    make_agent,
-    save_checkpoint,
-    write_origin,
-)
+from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint
+from agents.training.folder import alone_in, check_files, check_origin, write_origin
 from agents.training.learning_curves import Row
 from agents.training.recipe import OffPolicyConfig, PPOConfig, TrainingConfig
 from agents.training.replay import demonstrate
 from agents.training.scores import baseline_columns, best_baseline, score, score_baselines
 from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
-from agents.training.warm_start.amortise import amortise
+from agents.training.warm_start.amortise import amortise, check_motions
 from agents.training.warm_start.dagger import dagger
 from agents.training.warm_start.stage import Stage
 from agents.training.whole_episodes import WholeEpisodes
@@ -71,6 +64,7 @@ class TrainingRun:
     folder: Path  # of everything that it writes
     config: TrainingConfig
     state: RunState = field(default_factory=RunState)  # at the last checkpoint
+    identity: str = field(default="", init=False)  # as in its checkpoints
 
     @classmethod
     def begin(cls, folder: Path, config: TrainingConfig, command: str) -> TrainingRun:
@@ -87,6 +81,9 @@ class TrainingRun:
         devices.use(config)
         fine_elements(config, layout_of(config.env_id, config.env_config))
         refuse_unknown(config.baselines or (), expert_names(config.env_id), "expert")
+        if isinstance(config, PPOConfig) and config.amortise:
+            with closing(gym.make_vec(config.env_id, num_envs=1, **config.env_config)) as batch:
+                check_motions(batch)
         if teacher := config.teacher:
             with closing(gym.make(config.env_id, **config.env_config)) as env:
                 envs.make_expert(teacher.expert, env)
@@ -96,6 +93,9 @@ class TrainingRun:
     @classmethod
     def resume(cls, folder: Path) -> TrainingRun:
         """The run in a folder, as it was at its last checkpoint; a ValueError if there is none."""
+        if not folder.is_dir():
+            raise ValueError(f"no folder {folder}" if not folder.exists() else f"{folder} is no folder of a run")
+        check_files(folder)
         config = load_config(str(folder / "config.yaml"), TrainingConfig)
         check_origin(folder, config)
         return cls(folder, config)
@@ -120,10 +120,11 @@ class TrainingRun:
         import_env(config.env)
         devices.use(config)
         layout = layout_of(config.env_id, config.env_config)
-        with alone_in(self.folder), closing(self._environments()) as env:
+        with alone_in(self.folder), _refusing_size(config), closing(self._environments()) as env:
+            self.identity = check_origin(self.folder, self.config)
             model = make_model(config, env, layout, config.device)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
-            self.state = load_checkpoint(self.folder, model)
+            self.state = load_checkpoint(self.folder, self.identity, model)
             if not self.state.rows and not self._warm_start(model, env, watcher):
                 return False
             baseline = baseline_columns(self.state.rows[0])
@@ -143,7 +144,7 @@ class TrainingRun:
         A run that is stopped here goes on from the last round of it.
         """
         config, first = self.config, env_seed(self.config.seed, 0)
-        stage = Stage(self.folder / "warm_start.pt", watcher.report)
+        stage = Stage(self.folder / "warm_start.pt", self.identity, watcher.report)
         scores = score_baselines(config, stage.load("baselines") or {}, watcher.begin, partial(stage.save, "baselines"))
         seed_everything(config.seed, 0)
         if isinstance(config, PPOConfig):
@@ -193,16 +194,18 @@ class TrainingRun:
     @contextmanager
     def _refusing_divergence(self, model: Segmented) -> Iterator[None]:
         """Raise a ValueError that says so if the networks' weights or outputs become NaN or infinite."""
-        error: ValueError | None = None
+        error: Exception | None = None
         try:
             yield
-        except ValueError as raised:
+        except (ValueError, RuntimeError) as raised:
             error = raised
         # Distributions of torch refuse parameters that are not finite or not positive, each with all of its values.
-        if not model.finite() or str(error).startswith("Expected parameter"):
+        # Steps beyond float32 are a RuntimeError.
+        if not model.finite() or str(error).startswith("Expected parameter") or "without overflow" in str(error):
             raise ValueError(
                 f"training diverged between {self.steps:,} and {model.num_timesteps:,} steps: the networks are not "
-                "finite any more; begin again with a lower learning_rate, or smaller gains in fine"
+                "finite any more; begin again with a lower learning_rate, smaller gains in fine, or the default of "
+                "log_std, clip_range and the weights"
             ) from None
         if error is not None:
             raise error
@@ -217,7 +220,7 @@ class TrainingRun:
         for name, value in scores.items():
             model.logger.record(f"evaluation/{name}", value)
         model.logger.dump(state.steps)
-        save_checkpoint(self.folder, model, state, make_agent(model, state.seconds, scores))
+        save_checkpoint(self.folder, self.identity, model, state, make_agent(model, state.seconds, scores))
         watcher.evaluated(state.rows[-1])
 
 
@@ -233,6 +236,19 @@ class _WatcherCallback(BaseCallback):  # type: ignore[misc]
         self.watcher.step(self.num_timesteps)
         self.stopped = self.watcher.stop()
         return not self.stopped
+
+
+@contextmanager
+def _refusing_size(config: TrainingConfig) -> Iterator[None]:
+    """Raise a ValueError instead of what NumPy and torch raise where memory is too small for a run."""
+    try:
+        yield
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "allocate memory" not in str(error):
+            raise
+        sizes = ("num_envs", "rollout_steps", "hidden", "batch_size", "buffer_size", "evaluation_episodes")
+        given = ", ".join(f"{name} {getattr(config, name)}" for name in sizes if hasattr(config, name))
+        raise ValueError(f"this machine has too little memory for {given}: take less of it") from None
 
 
 def with_arm_document(config: TrainingConfig) -> TrainingConfig:

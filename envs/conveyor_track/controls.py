@@ -7,30 +7,31 @@ from typing import Any
 import numpy as np
 
 from envs.card import Control
+from envs.physics.episode import restart_clock
 from planners.typing import Array
 
+FARTHEST = 1.5
+"""Largest distance of the part from the base, in reaches of the arm."""
 
-def _move_part(task: Any, env_index: int, point: Array, index: int = 0) -> bool:
-    record, base = task.batch[env_index], task.arm.base_array
-    away = np.asarray(point) - base
-    far = float(np.hypot(*away)) / (1.5 * task.arm.reach)
-    task.kernels.move_part(task.batch, env_index, *(base + away / max(1.0, far)).tolist())
-    _begin_again(task, env_index, record)
+
+def _move_part(task: Any, record: Any, point: Array, index: int = 0) -> bool:
+    away = point - task.arm.base_array
+    beyond = float(np.hypot(*away)) / (FARTHEST * task.arm.reach)
+    record["part_position"] = task.arm.base_array + away / max(1.0, beyond)
+    _begin_again(record)
     return True
 
 
-def _set_speed(task: Any, env_index: int, speed: float) -> bool:
-    record = task.batch[env_index]
+def _set_speed(task: Any, record: Any, speed: float) -> bool:
     record["part_velocity"] = speed, 0.0
-    _begin_again(task, env_index, record)
+    _begin_again(record)
     return True
 
 
-def _begin_again(task: Any, env_index: int, record: Any) -> None:
-    task.restart_clock(env_index)
+def _begin_again(record: Any) -> None:
+    restart_clock(record)
     record["settled_steps"] = 0
     record["steady_state_error"] = record["lq_cost"] = 0.0
-    task.kernels.observe(task.batch, task.model, env_index)
 
 
 CONTROLS = (

@@ -122,7 +122,7 @@ class ConveyorTrack(Task):
         arm = arm_of(config, SCARA_1M)
         self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
         super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
-        self.batch["part"] = self._world.add_kinematic_bodies()
+        self._batch.world.add_kinematic_bodies(self._batch.records)
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload, arm)
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
@@ -137,9 +137,9 @@ class ConveyorTrack(Task):
             return [start] * len(generators)
         return draw_starts(generators, given, self._demands)
 
-    def write_start(self, env_index: int, start: Start) -> None:
+    def write_start(self, record: Any, start: Start) -> None:
         """Write the posture, the part's position and the belt's motion."""
-        record, base = self.batch[env_index], self.arm.base_array
+        base = self.arm.base_array
         record["q"] = posture(self.arm, start)
         record["part_position"] = base + np.array([start.hand_x - start.offset, start.line_height])
         record["part_velocity"] = start.belt_speed, 0.0

@@ -19,7 +19,6 @@ MAX_ERROR = 1000.0
 """Tracking error, in tolerances, from which on the progress term is constant: 1 m, 2 m/s by default."""
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
-    ("part", "i8"),
     ("part_position", "f8", (2,)),
     ("part_velocity", "f8", (2,)),
     ("part_acceleration", "f8", (2,)),
@@ -50,17 +49,17 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def move_part(batch: Any, index: int, x: float, y: float) -> None:
-    """Put the part of an environment elsewhere in the middle of an episode, m."""
+def refresh_env(batch: Any, model: Any, index: int) -> None:
+    """Let the part's body and the observation follow a record that was changed in the middle of an episode."""
     env = batch[index]
-    env.part_position[0], env.part_position[1] = x, y
     _place_part(env)
+    _observe(env, model[0])
 
 
 @njit(cache=True, nogil=True)
 def _place_part(env: Any) -> None:
     """Place the part's body where the record has it."""
-    chipmunk.body_set_position(env.part, env.part_position[0], env.part_position[1])
+    chipmunk.body_set_position(env.extra_body, env.part_position[0], env.part_position[1])
 
 
 @njit(cache=True, nogil=True)
@@ -100,7 +99,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
     """Give the part the belt's velocity in the middle of the period: exact for a constant acceleration."""
     half = 0.5 * shared.control_period
     chipmunk.body_set_velocity(
-        env.part,
+        env.extra_body,
         env.part_velocity[0] + half * env.part_acceleration[0],
         env.part_velocity[1] + half * env.part_acceleration[1],
     )
@@ -109,7 +108,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
 @njit(cache=True, nogil=True)
 def _read_part(env: Any, shared: Any) -> None:
     """Read the part's position off its body, and integrate its velocity."""
-    env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.part)
+    env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.extra_body)
     for axis in range(2):
         env.part_velocity[axis] += shared.control_period * env.part_acceleration[axis]
 
@@ -141,12 +140,6 @@ def _lq_cost_rate(env: Any) -> float:
     """Integrand of eq 18, with lengths in units of the paper's path."""
     squares = env.error * env.error + env.velocity_error * env.velocity_error
     return float(squares / (LINE_LENGTH * LINE_LENGTH))
-
-
-@njit(cache=True, nogil=True)
-def observe(batch: Any, model: Any, index: int) -> None:
-    """Write the observation of an environment again, after something was changed in the middle of an episode."""
-    _observe(batch[index], model[0])
 
 
 @njit(cache=True, nogil=True)

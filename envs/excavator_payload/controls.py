@@ -9,15 +9,14 @@ from envs.excavator_payload.hidden import FRICTION_SCALE, payload_inertia
 from envs.excavator_payload.reference import HEAVIEST
 
 
-def _set_payload(task: Any, env_index: int, mass: float) -> bool:
-    record = task.batch[env_index]
+def _set_payload(task: Any, record: Any, mass: float) -> bool:
     record["payload"], record["payload_inertia"] = mass, payload_inertia(mass)
     record["pick_step"] = record["step"]  # picked up in the next control period
     return True
 
 
-def _set_friction(task: Any, env_index: int, scale: float) -> bool:
-    task.batch[env_index]["friction_scale"] = scale
+def _set_friction(task: Any, record: Any, scale: float) -> bool:
+    record["friction_scale"] = scale
     return True
 
 

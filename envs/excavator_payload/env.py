@@ -179,13 +179,13 @@ class ExcavatorPayload(Task):
             for generator in generators
         ]
 
-    def write_start(self, env_index: int, start: Start) -> None:
+    def write_start(self, record: Any, start: Start) -> None:
         """Write the hidden quantities, and the waypoints or those that the drawn numbers give."""
-        record = self.batch[env_index]
         start.hidden.write(record)
         record["noise_seed"] = start.noise_seed
         if start.waypoints is None:
-            reference.draw_reference(self.batch, self.model, env_index, start.numbers)
+            memory = self._batch
+            reference.draw_reference(memory.records, memory.model, int(record["env_index"]), start.numbers)
         else:
             start.waypoints.write(record)
 
@@ -256,8 +256,8 @@ class ExcavatorPayload(Task):
         if options.waypoints is None and options.arrival_times is not None:
             raise ValueError("arrival_times are given without waypoints; give both")
         if options.waypoints is not None:
-            return reference.given_waypoints(self.model, np.array(options.waypoints), options.arrival_times)
-        return reference.work_cycle(self.model, self.config.horizon) if options.scenario == "cycle" else None
+            return reference.given_waypoints(self._batch.model, np.array(options.waypoints), options.arrival_times)
+        return reference.work_cycle(self._batch.model, self.config.horizon) if options.scenario == "cycle" else None
 
 
 class ExcavatorPayloadEnv(PlanarArmEnv):

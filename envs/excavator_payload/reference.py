@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from envs.batch.records import Records
 from envs.excavator_payload.world import N_JOINTS
-from envs.physics.rigid_bodies import Records
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.newton_euler import torque_single

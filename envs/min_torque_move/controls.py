@@ -17,20 +17,18 @@ RISES = 1.15
 """Factor between the durations that are tried for a move."""
 
 
-def _move_goal(task: Any, env_index: int, point: Array, index: int = 0) -> bool:
+def _move_goal(task: Any, record: Any, point: Array, index: int = 0) -> bool:
     """Begin a move from where the arm is, once it rests, to the nearest posture with its hand at the point."""
-    record = task.batch[env_index]
     if float(np.abs(record["qd"]).max()) > task.config.velocity_tolerance:
         return False
     limits = task.arm.limits
     start = np.clip(record["q"], limits.angle_lower, limits.angle_upper)
-    hand = FixedHand(np.asarray(point))
+    hand = FixedHand(point)
     try:
         goal = goal_postures(MotionProblem(task.arm, start, hand, task.config.horizon), hand, "best")[0]
     except Infeasible as error:
         raise ValueError(f"the hand cannot be at ({point[0]:.2f}, {point[1]:.2f}) m: {error}") from None
-    task.write_start(env_index, Move(start, goal, _duration(task, start, goal)))
-    task.kernels.reset_env(task.batch, task.model, env_index)
+    task.begin(record, Move(start, goal, _duration(task, start, goal)))
     return True
 
 

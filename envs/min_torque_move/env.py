@@ -169,9 +169,8 @@ class MinTorqueMove(Task):
         """One feasible move per generator, drawn or given."""
         return [self._move(generator, options) for generator in generators]
 
-    def write_start(self, env_index: int, start: Move) -> None:
+    def write_start(self, record: Any, start: Move) -> None:
         """Write start, goal and duration of a move."""
-        record = self.batch[env_index]
         record["q"], record["goal"] = start.start, start.goal
         record["duration_steps"] = round(start.duration / self.config.control_period)
 

@@ -92,18 +92,18 @@ def time_to_goal(env: Any, env_index: int, seed: int) -> float:
     inf where no motion was found.
     """
     stored = float(stored_bound([seed])[0])
-    if math.isnan(stored) or not _is_standard(env.task.batch[env_index], seed):
+    if math.isnan(stored) or not _is_standard(env.task, env_index, seed):
         return as_counted(solve(env, env_index), env) or math.inf
     return stored
 
 
-def _is_standard(record: Any, seed: int) -> bool:
+def _is_standard(task: Any, env_index: int, seed: int) -> bool:
     """Whether an episode is that of the seed with default settings and options."""
     standard: Any = _standard_env().unwrapped
     standard.reset(seed=seed)
-    own = standard.task.batch[0]
-    names = ("q", "goal", "radii", "path")
-    return all(own[name].shape == record[name].shape and (own[name] == record[name]).all() for name in names)
+    pairs = [(standard.task.batch[0][name], task.batch[env_index][name]) for name in ("q", "goal", "radii")]
+    pairs.append((standard.task.obstacle_path(0), task.obstacle_path(env_index)))
+    return all(np.array_equal(own, other) for own, other in pairs)
 
 
 @lru_cache(maxsize=1)

@@ -7,42 +7,47 @@ from typing import Any
 import numpy as np
 
 from envs.card import Control
+from envs.physics.episode import restart_clock
 from planners.typing import Array
 
+RIM = 0.02
+"""Least distance of a goal from the rim of the workspace, m."""
 
-def _move_goal(task: Any, env_index: int, point: Array, index: int = 0) -> bool:
-    record, base = task.batch[env_index], task.arm.base_array
-    away = np.asarray(point) - base
-    near, far = abs(np.diff(task.arm.lengths).item()) + 0.02, task.arm.reach - 0.02
+
+def _move_goal(task: Any, record: Any, point: Array, index: int = 0) -> bool:
+    away = point - task.arm.base_array
     distance = max(1e-9, float(np.hypot(*away)))
-    record["goal"] = base + away * (min(far, max(near, distance)) / distance)
+    reached = min(task.arm.reach - RIM, max(abs(np.diff(task.arm.lengths).item()) + RIM, distance))
+    record["goal"] = task.arm.base_array + away * (reached / distance)
     record["held_steps"] = 0
-    _continue_paths(task, env_index, record)
-    task.kernels.observe(task.batch, task.model, env_index)
+    _continue_paths(task, record)
     return True
 
 
-def _move_disc(task: Any, env_index: int, point: Array, index: int = 0) -> bool:
-    record = task.batch[env_index]
-    _continue_paths(task, env_index, record)
-    record["path"][:, index] += np.asarray(point) - record["discs"][index]
+def _move_disc(task: Any, record: Any, point: Array, index: int = 0) -> bool:
+    if not index < len(record["discs"]):
+        raise ValueError(f"there are {len(record['discs'])} discs, counted from 0; {index} is none of them")
+    paths = _continue_paths(task, record)
+    paths[:, index] += point - record["discs"][index]
+    task.write_table(record, paths)
     record["discs"][index] = point
-    task.kernels.observe(task.batch, task.model, env_index)
     return True
 
 
-def _set_radius(task: Any, env_index: int, radius: float) -> bool:
-    task.batch[env_index]["radii"] = radius
+def _set_radius(task: Any, record: Any, radius: float) -> bool:
+    record["radii"] = radius
     return True
 
 
-def _continue_paths(task: Any, env_index: int, record: Any) -> None:
-    """The whole time again: the discs go on as they would have, and then back the same way."""
-    path, step = record["path"], task.scale.path_step
-    now = min(len(path) - 1, round(int(record["step"]) * task.config.control_period / step))
-    there_and_back = np.concatenate([path[now:], path[::-1]])
-    record["path"] = there_and_back[: len(path)]
-    task.restart_clock(env_index)
+def _continue_paths(task: Any, record: Any) -> Array:
+    """The whole time again: the discs go on as they would have, and then back the same way; their paths."""
+    paths = task.table(int(record["env_index"]))
+    seconds = int(record["step"]) * task.config.control_period
+    now = min(len(paths) - 1, round(seconds / task.scale.path_step))
+    ahead: Array = np.concatenate([paths[now:], paths[::-1]])[: len(paths)]
+    task.write_table(record, ahead)
+    restart_clock(record)
+    return ahead
 
 
 CONTROLS = (

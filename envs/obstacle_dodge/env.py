@@ -141,10 +141,14 @@ class ObstacleDodge(Task):
         self.layout = layout_of(arm, config.num_obstacles)
         self.view = scaled_view(VIEW, arm, SCARA_50CM)
         samples = math.ceil(config.horizon / self.scale.path_step - 1e-6) + 1
-        fields = kernels.env_fields(samples, config.num_obstacles)
-        hold_steps = whole_periods(config, "hold_time", config.hold_time)
-        constants = {"link_radius": arm.link_radius, "hold_steps": hold_steps, "path_step": self.scale.path_step}
-        super().__init__(config, arm, num_envs, fields, constants)
+        constants = {
+            "link_radius": arm.link_radius,
+            "hold_steps": whole_periods(config, "hold_time", config.hold_time),
+            "path_step": self.scale.path_step,
+            "path_samples": samples,
+        }
+        fields = kernels.env_fields(config.num_obstacles)
+        super().__init__(config, arm, num_envs, fields, constants, table_shape=(samples, config.num_obstacles, 2))
         acceleration = 0.5 * arm.limits.array("acceleration")
         self._planning_limits = replace(arm.limits, acceleration=tuple(acceleration.tolist()))
         self._starts = DodgeStarts(arm, self._planning_limits, samples, config.num_obstacles, self.scale)
@@ -172,11 +176,11 @@ class ObstacleDodge(Task):
             options = ObstacleDodgeOptions.parse(scenario, f"{self.env_id} option")
         return [self._starts.draw(generator, options) for generator in generators]
 
-    def write_start(self, env_index: int, start: Episode) -> None:
+    def write_start(self, record: Any, start: Episode) -> None:
         """Write posture, goal and disc paths."""
-        record = self.batch[env_index]
         record["q"], record["goal"] = start.start, start.goal + self.arm.base_array
-        record["radii"], record["path"] = start.radius, start.path + self.arm.base_array
+        record["radii"] = start.radius
+        self.write_table(record, start.path + self.arm.base_array)
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Collision, clearance, time to the goal and distance from it."""
@@ -193,8 +197,7 @@ class ObstacleDodge(Task):
 
         For bounds and pictures: no policy observes it.
         """
-        path: Array = self.batch["path"][env_index].copy()
-        return path
+        return self.table(env_index)
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
         """The fixed goal: position, velocity and acceleration, each ``(..., 2)``."""

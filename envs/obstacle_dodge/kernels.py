@@ -9,19 +9,18 @@ import numpy as np
 from numba import njit
 
 from envs.physics.actuation import command, finish_period
-from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
+from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward, table_of
 from envs.physics.rigid_bodies import read_joint_state, step_physics
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
 
-def env_fields(samples: int, discs: int) -> list[tuple[Any, ...]]:
-    """Fields of an environment's record, among them the path of each disc, ``(samples, discs, 2)``."""
+def env_fields(discs: int) -> list[tuple[Any, ...]]:
+    """Fields of an environment's record. Its table holds the path of each disc, ``(samples, discs, 2)``."""
     return [
         ("goal", "f8", (2,)),
         ("hand", "f8", (2,)),
         ("hand_velocity", "f8", (2,)),
-        ("path", "f8", (samples, discs, 2)),
         ("radii", "f8", (discs,)),
         ("discs", "f8", (discs, 2)),
         ("disc_velocities", "f8", (discs, 2)),
@@ -42,7 +41,7 @@ def reset_env(batch: Any, model: Any, index: int) -> None:
     begin_episode(env, shared)
     env.held_steps = 0
     env.collision = False
-    move_discs(env, shared.path_step, 0.0)
+    move_discs(env, shared, 0.0)
     env.disc_velocities_before[:] = env.disc_velocities
     env.clearance = env.min_clearance = measure_clearance(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
@@ -85,24 +84,25 @@ def _move_among_discs(env: Any, shared: Any) -> float:
     for substep in range(shared.substeps):
         step_physics(env, shared, env.tau)
         read_joint_state(env, shared)
-        move_discs(env, shared.path_step, env.step * shared.control_period + (substep + 1) * shared.physics_step)
+        move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
         env.clearance = measure_clearance(env, shared)
         closest = min(closest, env.clearance)
     return closest
 
 
 @njit(cache=True, nogil=True)
-def move_discs(env: Any, path_step: float, t: float) -> None:
+def move_discs(env: Any, shared: Any, t: float) -> None:
     """Move the discs of an environment along their paths to time ``t``, s; velocities are backward differences."""
+    path, path_step = table_of(env, (shared.path_samples, env.radii.shape[0], 2)), shared.path_step
     place = t / path_step + 1e-9  # a time that is a sample must not fall before it by rounding
-    left = min(int(place), env.path.shape[0] - 2)
+    left = max(0, min(int(place), path.shape[0] - 2))
     share = min(1.0, max(0.0, place - left))
     for disc in range(env.radii.shape[0]):
         for axis in range(2):
-            before, after = env.path[left, disc, axis], env.path[left + 1, disc, axis]
+            before, after = path[left, disc, axis], path[left + 1, disc, axis]
             env.discs[disc, axis] = before + share * (after - before)
             if share < 1e-6 and left > 0:
-                before, after = env.path[left - 1, disc, axis], before
+                before, after = path[left - 1, disc, axis], before
             env.disc_velocities[disc, axis] = (after - before) / path_step
 
 
@@ -136,8 +136,8 @@ def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_
 
 
 @njit(cache=True, nogil=True)
-def observe(batch: Any, model: Any, index: int) -> None:
-    """Write the observation of an environment again, after something was changed in the middle of an episode."""
+def refresh_env(batch: Any, model: Any, index: int) -> None:
+    """Let the observation follow a record that was changed in the middle of an episode."""
     _observe(batch[index], model[0])
 
 

@@ -3,27 +3,27 @@
 Pymunk's Python calls cost more than the physics itself. The functions below are the same C functions, callable from
 numba-compiled code. Bodies, spaces and joints are made with Pymunk; `address` gives the number that stands for one.
 
-Chipmunk passes its two-component vectors by value. On every 64-bit Linux and macOS (System V and AArch64 calling
-conventions) such a struct is passed in two floating-point registers, exactly like two doubles, so a vector argument is
-declared here as two doubles. Windows passes it differently and is refused.
+Chipmunk passes its two-component vectors by value, and compiled code passes them as two numbers. On every 64-bit Linux
+and macOS, and on Windows for ARM (System V and AArch64 calling conventions), such a struct goes through two
+floating-point registers, exactly like two doubles. On Windows x64 it goes by pointer to a copy of the caller's, and
+comes back through a hidden first pointer.
 """
 
 from __future__ import annotations
 
+import platform
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
 from llvmlite import ir
-from numba import types
-from numba.core import cgutils
+from numba import njit, types
+from numba.core import cgutils, config
 from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 
-import envs
-import planners
-from planners.compile_cache import drop_stale
+from planners.typing import Array
 
 try:
     from pymunk._chipmunk_cffi import ffi, lib
@@ -33,15 +33,17 @@ except ImportError as error:  # pragma: no cover - only with an unknown Pymunk
         'install a tested one: pip install "pymunk>=7.3,<8"'
     ) from error
 
-if sys.platform == "win32" or sys.maxsize <= 2**32:  # pragma: no cover - not reached on supported platforms
-    raise ImportError(
-        "planarm's bridge to Chipmunk needs 64-bit Linux or macOS (on Windows, the Windows Subsystem for Linux)"
-    )
+if sys.maxsize <= 2**32:  # pragma: no cover - not reached on supported platforms
+    raise ImportError("planarm's bridge to Chipmunk needs 64-bit Python")
 
-drop_stale(Path(envs.__file__).parent, sources=(Path(planners.__file__).parent,))
+if getattr(config, "DISABLE_JIT", False):
+    raise ImportError("planarm's environments run compiled code only; unset NUMBA_DISABLE_JIT")
+
+VECTORS_BY_POINTER = sys.platform == "win32" and platform.machine().upper() in ("AMD64", "X86_64")
+"""Whether C functions take and return vectors by pointer here."""
 
 _pointer, _real, _nothing = types.intp, types.float64, types.void
-_vector = (_real, _real)
+_vector = types.UniTuple(_real, 2)  # type: ignore[no-untyped-call]
 
 
 def _register(name: str) -> str:
@@ -61,28 +63,82 @@ def _bind(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     return types.ExternalFunction(_register(name), result(*arguments))
 
 
-def _bind_vector_getter(name: str) -> Callable[..., tuple[float, float]]:
-    """The C function `name`, which takes a pointer and returns a vector, callable from compiled code."""
-    symbol = _register(name)
+def vector_function(
+    symbol: str, result: Any, *arguments: Any, by_pointer: bool = VECTORS_BY_POINTER, convention: str = ""
+) -> Callable[..., Any]:
+    """A C function that takes or returns vectors, callable from compiled code.
+
+    Args:
+        symbol: its name to the compiler.
+        result: its type; a vector is returned as a tuple.
+        arguments: their types; a vector is given as two numbers.
+        by_pointer: how vectors are passed, see above.
+        convention: LLVM's name of the calling convention; the platform's own when left out.
+    """
+    real, vector = ir.DoubleType(), ir.LiteralStructType([ir.DoubleType()] * 2)
+    passed = {_real: real, _pointer: ir.IntType(64), _nothing: ir.VoidType(), _vector: vector}
+
+    def call(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        def slot() -> Any:
+            place = cgutils.alloca_once(builder, ir.ArrayType(real, 2))  # type: ignore[no-untyped-call]
+            place.align = 16
+            return place
+
+        hidden = [slot()] if by_pointer and result == _vector else []
+        given, sent = iter(cgutils.unpack_tuple(builder, values[0])), list(hidden)  # type: ignore[no-untyped-call]
+        for kind in arguments:
+            if kind == _vector and by_pointer:
+                sent.append(slot())
+                builder.store(context.make_tuple(builder, _vector, [next(given), next(given)]), sent[-1])
+            else:
+                sent += [next(given) for _ in range(2 if kind == _vector else 1)]
+        prototype = ir.FunctionType(ir.VoidType() if hidden else passed[result], [one.type for one in sent])
+        function = cgutils.get_or_insert_function(builder.module, prototype, symbol)  # type: ignore[no-untyped-call]
+        function.calling_convention = convention
+        returned = builder.call(function, sent)
+        if result != _vector:
+            return context.get_dummy_value() if result == _nothing else returned
+        if hidden:
+            return builder.load(hidden[0])
+        components = [builder.extract_value(returned, index) for index in range(2)]
+        return context.make_tuple(builder, _vector, components)
+
+    flat = types.Tuple([one for kind in arguments for one in (kind if kind == _vector else [kind])])  # type: ignore[no-untyped-call]
 
     @intrinsic
-    def getter(typing_context: Any, pointer: Any) -> Any:
-        def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            real = ir.DoubleType()
-            prototype = ir.FunctionType(ir.LiteralStructType([real, real]), [ir.IntType(64)])
-            function = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]
-                builder.module, prototype, symbol
-            )
-            vector = builder.call(function, arguments)
-            components = [builder.extract_value(vector, 0), builder.extract_value(vector, 1)]
-            return context.make_tuple(builder, signature.return_type, components)
+    def function(typing_context: Any, *given: Any) -> Any:
+        return result(flat), call
 
-        return types.UniTuple(_real, 2)(_pointer), call  # type: ignore[no-untyped-call]
+    return function
 
-    return getter
+
+def _bind_vectors(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+    """The C function `name`, which takes or returns vectors, callable from compiled code."""
+    return vector_function(_register(name), result, *arguments)
+
+
+def _reals_at(typing_context: Any, address: Any) -> Any:
+    """A pointer to float64 numbers at an address, in compiled code."""
+
+    def cast(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
+
+    return types.CPointer(types.float64)(types.int64), cast  # type: ignore[no-untyped-call]
+
+
+_pointer_to_reals: Any = intrinsic(_reals_at)
+
+
+@njit(cache=True, nogil=True)
+def array_at(address: int, shape: Any) -> Array:
+    """The array of float64 of a shape that lies at an address, in compiled code."""
+    array: Array = carray(_pointer_to_reals(address), shape)
+    return array
 
 
 space_step = _bind("cpSpaceStep", _nothing, _pointer, _real)
+space_get_current_time_step = _bind("cpSpaceGetCurrentTimeStep", _real, _pointer)
+space_set_current_time_step = _bind("cpSpaceSetCurrentTimeStep", _nothing, _pointer, _real)
 space_add_constraint = _bind("cpSpaceAddConstraint", _pointer, _pointer, _pointer)
 space_remove_constraint = _bind("cpSpaceRemoveConstraint", _nothing, _pointer, _pointer)
 body_get_angle = _bind("cpBodyGetAngle", _real, _pointer)
@@ -91,13 +147,13 @@ body_get_angular_velocity = _bind("cpBodyGetAngularVelocity", _real, _pointer)
 body_set_angular_velocity = _bind("cpBodySetAngularVelocity", _nothing, _pointer, _real)
 body_set_mass = _bind("cpBodySetMass", _nothing, _pointer, _real)
 body_set_moment = _bind("cpBodySetMoment", _nothing, _pointer, _real)
-body_set_center_of_gravity = _bind("cpBodySetCenterOfGravity", _nothing, _pointer, *_vector)
+body_set_center_of_gravity = _bind_vectors("cpBodySetCenterOfGravity", _nothing, _pointer, _vector)
 body_set_torque = _bind("cpBodySetTorque", _nothing, _pointer, _real)
-body_set_position = _bind("cpBodySetPosition", _nothing, _pointer, *_vector)
-body_set_velocity = _bind("cpBodySetVelocity", _nothing, _pointer, *_vector)
-body_get_position = _bind_vector_getter("cpBodyGetPosition")
-body_get_velocity = _bind_vector_getter("cpBodyGetVelocity")
-pivot_joint_init = _bind("cpPivotJointInit", _pointer, _pointer, _pointer, _pointer, *_vector, *_vector)
+body_set_position = _bind_vectors("cpBodySetPosition", _nothing, _pointer, _vector)
+body_set_velocity = _bind_vectors("cpBodySetVelocity", _nothing, _pointer, _vector)
+body_get_position = _bind_vectors("cpBodyGetPosition", _vector, _pointer)
+body_get_velocity = _bind_vectors("cpBodyGetVelocity", _vector, _pointer)
+pivot_joint_init = _bind_vectors("cpPivotJointInit", _pointer, _pointer, _pointer, _pointer, _vector, _vector)
 constraint_set_error_bias = _bind("cpConstraintSetErrorBias", _nothing, _pointer, _real)
 constraint_get_user_data = _bind("cpConstraintGetUserData", _pointer, _pointer)
 constraint_set_user_data = _bind("cpConstraintSetUserData", _nothing, _pointer, _pointer)

@@ -6,7 +6,9 @@ from typing import Any
 
 from numba import njit
 
+from envs.physics.chipmunk import array_at
 from envs.physics.rigid_bodies import place_arm
+from planners.typing import Array
 
 
 @njit(cache=True, nogil=True)
@@ -32,6 +34,12 @@ def clear_episode(env: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
+def table_of(env: Any, shape: Any) -> Array:
+    """The table of an environment's episode (`Task.write_table`), with the shape that the task has declared."""
+    return array_at(env.table, shape)
+
+
+@njit(cache=True, nogil=True)
 def sum_reward(env: Any) -> None:
     """Write the reward, the sum of its terms."""
     env.reward = 0.0
@@ -52,3 +60,9 @@ def finish_observation(env: Any, shared: Any) -> None:
     for element in range(seen.shape[0]):
         value = seen[element] / shared.scales[element]
         env.observation[element] = min(shared.bounds[element], max(-shared.bounds[element], value))
+
+
+def restart_clock(record: Any) -> None:
+    """Give the running episode of an environment's record its whole time again; the arm moves on."""
+    record["step"] = 0
+    record["terminated"] = record["truncated"] = record["success"] = False

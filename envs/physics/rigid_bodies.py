@@ -12,18 +12,16 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pymunk
 from numba import njit
-from numpy.typing import NDArray
 
-from envs.physics import chipmunk
+from envs.batch.records import Records
+from envs.physics import chipmunk, snapshot
 from planners.robot.arm import Arm
 from planners.typing import Array
-
-Records = NDArray[np.void]
 
 PYMUNK_ERROR_BIAS = 0.9**60
 """Pymunk's default: share of a joint error that remains after one second."""
@@ -42,6 +40,7 @@ def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("links", "i8", (n_joints,)),
         ("joints", "i8", (n_joints,)),
         ("ground", "i8"),
+        ("extra_body", "i8"),
     ]
 
 
@@ -83,6 +82,8 @@ def model_record(constants: Mapping[str, Any]) -> Records:
 class World:
     """The Pymunk spaces of a batch of environments, one arm in each.
 
+    It cannot be copied or pickled, because a copy would have the same bodies: make another, and `load` into it.
+
     Args:
         arm: the arm with the payload that it holds.
         batch: environment records with `arm_fields`; the addresses are filled in.
@@ -104,15 +105,48 @@ class World:
             env["links"] = [chipmunk.address(link._body) for link in links]
             env["joints"] = [chipmunk.address(joint._constraint) for joint in joints]
             self._spaces.append(space)
+        self._addresses = batch["space"].copy(), batch["links"].copy(), batch["joints"].copy()
         # Pymunk cannot free a space while the interpreter unloads its modules; the finalizer runs before that.
         weakref.finalize(self, self._spaces.clear)
 
-    def add_kinematic_bodies(self) -> list[int]:
-        """Add a body with a prescribed motion to each space; their addresses."""
+    def add_kinematic_bodies(self, batch: Records) -> None:
+        """Add a body with a prescribed motion to each space; its address goes into the field ``extra_body``."""
         bodies = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in self._spaces]
         for space, body in zip(self._spaces, bodies, strict=True):
             space.add(body)
-        return [chipmunk.address(body._body) for body in bodies]
+        batch["extra_body"] = [chipmunk.address(body._body) for body in bodies]
+        spaces, moving, joints = self._addresses
+        self._addresses = spaces, np.column_stack([moving, batch["extra_body"]]), joints
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of what `save` returns: spaces, and numbers of each."""
+        spaces, bodies, joints = self._addresses
+        return len(spaces), snapshot.numbers_of(bodies.shape[1], joints.shape[1])
+
+    def save(self) -> Array:
+        """All that the next step depends on: a row of numbers for each space.
+
+        Raises:
+            RuntimeError: if the installed Pymunk keeps its numbers elsewhere.
+        """
+        if not snapshot.layout_is_known():
+            raise RuntimeError(
+                f"Pymunk {pymunk.version} keeps its bodies in another form than planarm knows, so that no state can be "
+                'saved or copied; install a tested one: pip install "pymunk>=7.3,<8"'
+            )
+        numbers = np.empty(self.shape)
+        snapshot.save(*self._addresses, numbers)
+        return numbers
+
+    def load(self, numbers: Array) -> None:
+        """Continue from what `save` returned, of this world or of one with the same arms."""
+        if numbers.shape != self.shape:
+            raise ValueError(f"expected numbers of shape {self.shape}, found {numbers.shape}")
+        snapshot.load(*self._addresses, np.ascontiguousarray(numbers))
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a World cannot be copied or pickled; copy or pickle the environment or the task that has it")
 
 
 def whole_multiple(name: str, seconds: float, step_name: str, step: float) -> int:

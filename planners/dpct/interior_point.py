@@ -66,8 +66,10 @@ def solve(
     max_time_change: float = 1.0,
     max_iterations: int = 60,
     final_gap: float = 1e-7,
-) -> Solution:
-    """Best motion to the rendezvous.
+) -> tuple[bool, float, float, Array, float, int, float]:
+    """Best motion to the rendezvous: the fields of a `Solution`.
+
+    Compiled functions give interpreted ones no named tuples: a Ctrl-C while Numba makes one crashes the process.
 
     Args:
         tracking: the problem.
@@ -136,7 +138,7 @@ def solve(
         control += steps[:, 4]
         z = roll_out(tracking, time, acceleration, control)
     cost = tracking_index(tracking, z, control, time)
-    return Solution(converged, time, acceleration, control / time**3, cost, iterations, violation)
+    return converged, time, acceleration, control / time**3, cost, iterations, violation
 
 
 @njit(cache=True, nogil=True)

@@ -104,7 +104,7 @@ def find_rendezvous(
 
 def meets_at(tracking: Tracking, time: float) -> Solution | None:
     """The motion of least tracking index to a rendezvous at a given time, s; None if there is none."""
-    solution = solve(tracking, time, time, time, 0.0, 1.0 / _quintic_index(tracking, time))
+    solution = Solution(*solve(tracking, time, time, time, 0.0, 1.0 / _quintic_index(tracking, time)))
     return solution if solution.converged else None
 
 
@@ -117,7 +117,7 @@ def _optimum(line: Line, tracking: Tracking, low: float, high: float, aim: Aim, 
         guess = min(1.5 * first, 0.5 * (first + high))
     for time, largest_change in ((guess, BOLD), (0.5 * (low + high), CAREFUL)):
         weights = _weights(line, aim, time, _quintic_index(tracking, time))
-        solution = solve(tracking, time, low, high, *weights, largest_change)
+        solution = Solution(*solve(tracking, time, low, high, *weights, largest_change))
         # a solution at the upper bound is suspect: the steps in T may have stalled before the optimum
         doubtful = aim.time_weight is None and solution.time > 0.999 * high
         if solution.converged and not doubtful:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from planners.dpct.constraints import Tracking
-from planners.dpct.interior_point import solve
+from planners.dpct.interior_point import Solution, solve
 from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, tracking_problem
 from planners.motion.line import reduce_to_line
 from planners.motion.rides import Window, ride_windows
@@ -85,5 +85,6 @@ def _settling_time(tracking: Tracking, tolerances: Array, share: float, window: 
     earliest = max(window.opens, 0.1 * rendezvous)
     if latest <= earliest:
         return math.inf
-    solution = solve(tracking._replace(error_bounds=error_bounds), rendezvous, earliest, latest, 1.0 / rendezvous, 0.0)
+    tracking = tracking._replace(error_bounds=error_bounds)
+    solution = Solution(*solve(tracking, rendezvous, earliest, latest, 1.0 / rendezvous, 0.0))
     return solution.time * float(tracking.durations[:first].sum()) if solution.converged else math.inf

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from planners.checks import refuse_unknown
+from planners.checks import brief, refuse_unknown
 from planners.documents import read_document
 from planners.robot.arm import Arm
 from planners.robot.limits import LIMIT_KINDS, JointLimits, LimitKind
@@ -70,7 +70,7 @@ def load_arm(spec: Arm | str | Path | Mapping[str, Any]) -> Arm:
     if isinstance(spec, Mapping):
         return _from_mapping(spec, str(spec.get("name", "arm")), "arm")
     if not isinstance(spec, str | Path):
-        raise ValueError(f"{spec!r} is no arm; give an Arm, a name, the path of a YAML or JSON file, or a mapping")
+        raise ValueError(f"{brief(spec)} is no arm; give an Arm, a name, the path of a YAML or JSON file, or a mapping")
     if isinstance(spec, str) and spec in PRESETS:
         return PRESETS[spec]
     path = Path(spec)
@@ -118,7 +118,7 @@ def _from_mapping(document: Mapping[str, Any], name: str, what: str) -> Arm:
         raise ValueError(f"{what} has no {' and no '.join(missing)}; an arm needs lengths_m and masses_kg")
     name = document.get("name", name)
     if not isinstance(name, str):
-        raise ValueError(f"{what}: name {name!r} must be a text")
+        raise ValueError(f"{what}: name {brief(name)} must be a text")
     given = {attribute: _numbers(document[key]) for key, attribute in KEYS.items() if key in document}
     limits = document.get("limits")
     try:
@@ -130,7 +130,7 @@ def _from_mapping(document: Mapping[str, Any], name: str, what: str) -> Arm:
 def _limits(document: Any) -> JointLimits:
     """Joint limits of the ``limits`` of a document."""
     if not isinstance(document, Mapping):
-        raise ValueError(f"limits {document!r} must be keys and values, as in torque_N_m: [10.0, 4.0]")
+        raise ValueError(f"limits {brief(document)} must be keys and values, as in torque_N_m: [10.0, 4.0]")
     refuse_unknown(document, LIMIT_KEYS, "key of limits")
     given: dict[LimitKind, Any] = {}
     for key, values in document.items():

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.checks import refuse_unknown
+from planners.checks import brief, refuse_unknown
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -174,7 +174,7 @@ def _limits(kind: LimitKind, given: Any) -> tuple[Any, ...]:
     """The limits of a kind as floats (angles also as pairs of floats), checked."""
     every = is_number(given) or isinstance(given, EveryJoint)
     if not every and (isinstance(given, str | bytes) or not isinstance(given, Iterable)):
-        raise ValueError(f"{kind} limits {given!r} are no numbers; {_how(kind)}")
+        raise ValueError(f"{kind} limits {brief(given)} are no numbers; {_how(kind)}")
     items = (given,) if is_number(given) else tuple(given)
     values = tuple(_limit(kind, item, items) for item in items)
     return EveryJoint(values) if every else values or EveryJoint((math.inf,))
@@ -182,16 +182,16 @@ def _limits(kind: LimitKind, given: Any) -> tuple[Any, ...]:
 
 def _limit(kind: LimitKind, item: Any, items: tuple[Any, ...]) -> Range:
     """One limit as a float, or a pair of floats that is not symmetric."""
-    shown = tuple(float(one) if is_number(one) else one for one in items)
+    shown = brief(tuple(float(one) if is_number(one) else one for one in items))
     if is_number(item):
         if not float(item) > 0.0:
             raise ValueError(f"{kind} limits {shown} must be positive; use inf for no limit. {_how(kind)}")
         return float(item)
     if kind != "angle" or isinstance(item, str) or not isinstance(item, Iterable):
-        raise ValueError(f"{kind} limits {shown}: {item!r} is no number; {_how(kind)}")
+        raise ValueError(f"{kind} limits {shown}: {brief(item)} is no number; {_how(kind)}")
     pair = tuple(item)
     if len(pair) != 2 or not all(map(is_number, pair)):
-        raise ValueError(f"angle limits: {item!r} is no pair of numbers; {_how(kind)}")
+        raise ValueError(f"angle limits: {brief(item)} is no pair of numbers; {_how(kind)}")
     lower, upper = map(float, pair)
     if (lower, upper) == (-math.inf, math.inf):
         return math.inf

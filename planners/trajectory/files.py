@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from planners.documents import parse_json, read_arrays
 from planners.files import whole_file
 from planners.problem import FixedHand, FixedJoints, MotionProblem, MovingHand, Obstacle, Target
 from planners.robot.arm_files import arm_document, load_arm
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 """Version of the NPZ files."""
+
+MOST_BYTES = 1 << 28
+"""Largest size of an NPZ file's arrays, bytes."""
 
 COLUMNS = {"q": "rad", "qd": "rad_s", "qdd": "rad_s2", "tau": "N_m"}
 """What is stored of every joint, with the unit in the names."""
@@ -58,18 +63,22 @@ def read_npz(path: Path) -> dict[str, Any]:
         ValueError: if the file is no trajectory of this format.
         OSError: if it cannot be read.
     """
+    if not path.exists():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            samples = {"t": stored["t_s"], **{name: stored[f"{name}_{unit}"] for name, unit in COLUMNS.items()}}
+        stored = read_arrays(path, MOST_BYTES)
+        about = parse_json(str(stored["about"]), "about")
+        samples = {"t": stored["t_s"], **{name: stored[f"{name}_{unit}"] for name, unit in COLUMNS.items()}}
+        if odd := [name for name, array in samples.items() if array.dtype.kind not in "fiu"]:
+            raise ValueError(f"{odd[0]} holds no numbers")
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}")
         numbers = {name: math.inf if about[name] is None else float(about[name]) for name in NUMBERS}
-        problem = problem_of(about["problem"])
-    except (KeyError, TypeError, ValueError, AttributeError, EOFError, BadZipFile) as error:
-        raise ValueError(f"{path} is no trajectory that planarm has saved ({error})") from error
+        problem, planner = problem_of(about["problem"]), str(about["planner"])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise ValueError(f"{path} is no trajectory that planarm has saved ({str(error)[:300]})") from error
     samples.pop("tau")  # follows from the motion and the problem's arm
-    return {"problem": problem, **samples, **numbers, "planner": str(about["planner"])}
+    return {"problem": problem, **samples, **numbers, "planner": planner}
 
 
 def problem_document(problem: MotionProblem) -> dict[str, Any]:

@@ -120,7 +120,10 @@ class Trajectory:
         """
         from planners.trajectory import files
 
-        return sampled_trajectory(**files.read_npz(Path(path)))
+        try:
+            return sampled_trajectory(**files.read_npz(Path(path)))
+        except ValueError as error:
+            raise ValueError(str(error) if str(path) in str(error) else f"cannot read {path}: {error}") from None
 
     def plot(self, path: str | Path | None = None) -> Any:
         """A matplotlib figure: angles, velocities, accelerations and torques, with their limits.

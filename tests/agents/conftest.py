@@ -25,7 +25,7 @@ def regenerate(tmp_path_factory: pytest.TempPathFactory) -> Regenerate:
     @cache
     def run(command: str) -> PaperResults:
         folder = tmp_path_factory.mktemp("paper") / "new"
-        files = ["--json", str(folder / "results.json"), "--plot", str(folder / "figures.png"), "--dpi", "20"]
+        files = ["--json", str(folder / "results.json"), "--plot", str(folder / "figures.png"), "--dpi", "40"]
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
             patch.setattr("agents.papers.apf.command.RANDOM_PROBLEMS", 200)
             assert main([command, *files, *QUICK.get(command, [])]) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -13,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from safetensors.numpy import load, save
 
 from agents import Agent, evaluate, load_agent, save_agent
 from agents.policies.agent import FORMAT, SQUASHED_FORMAT
@@ -219,11 +221,45 @@ def test_other_observations_are_refused_and_the_entries_named(saved: Path) -> No
         ({"activation": "tahn"}, 'did you mean "tanh"'),
         ({"hidden": [5, 5]}, "lacks the tensors layer2.weight"),
         ({"env_config": {"horizn": 2.0}}, 'did you mean "horizon"'),
+        ({"env_config": {"task_type": "antigravity:Task"}}, 'unknown .* "task_type"'),
+        ({"env_config": {"id": "x"}}, 'unknown .* "id"'),
+        ({"env_config": [1]}, r"must be names and values, not \[1\]"),
+        ({"env_config": {"horizon": 10**400}}, "an integer of 1329 bits"),
+        ({"env": ["ConveyorTrack-v0"]}, "unknown environment"),
+        ({"env": "antigravity:Task-v0"}, "unknown environment"),
+        ({"activation": ["tanh"]}, "unknown activation"),
+        ({"hidden": None}, "hidden None of an agent must list the widths"),
+        ({"hidden": 5}, "hidden 5 of an agent must list the widths"),
+        ({"layout": [3, {}], "layout_hash": 0}, "was trained on other observations"),
+        ({"more": [[[[[[[[[[[[[0]]]]]]]]]]]]]}, "more than 12 levels"),
     ],
 )
 def test_what_is_wrong_with_an_agent_is_said(saved: Path, changes: dict[str, Any], complaint: str) -> None:
     change(saved, **changes)
     with pytest.raises(ValueError, match=complaint):
+        load_agent(saved)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"fine.index": np.array([1, 10**6])}, "fine.index of an agent must name elements of observations of 18"),
+        ({"fine.index": np.array([-1, 3])}, "fine.index of an agent must name elements"),
+        ({"fine.index": np.array([1])}, "fine.index of an agent must name elements"),
+        ({"fine.index": np.array([1.0, 3.0])}, "expected 1 dimensions of integers"),
+        ({"fine.gain": np.array([[1.0, 2.0]])}, r"shape \(1, 2\) of float64; expected 1 dimensions of floats"),
+        ({"layer0.weight": np.zeros((5, 1))}, "observations of 0"),
+        ({"layer0.weight": np.zeros((5, 30))}, "takes observations of 28 elements; ConveyorTrack-v0 gives 18"),
+        ({"layer0.bias": np.array(1.0)}, "layer0.bias of an agent has shape"),
+        ({"layer1.weight": np.full((2, 5), np.nan)}, "layer1.weight of an agent holds values that are not finite"),
+        ({"log_std": np.zeros(3)}, r"log_std of an agent has shape \(3,\); expected \(2,\)"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(saved: Path, changes: dict[str, Any], complaint: str) -> None:
+    content = save(load(saved.read_bytes()) | changes)
+    saved.write_bytes(content)
+    change(saved, sha256=hashlib.sha256(content).hexdigest())
+    with pytest.raises(ValueError, match=f"cannot read .*{complaint}|{complaint}"):
         load_agent(saved)
 
 

@@ -43,7 +43,21 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
     assert end.value.code == 0
     out = capsys.readouterr().out
     assert f"usage: planarm {command}" in out
-    assert "$ planarm " in out  # at least one example
+    assert f"$ planarm {command}" in out  # at least one example
+    assert "default: " in out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], *([command, "--help"] for command in COMMANDS)], ids=" ".join)
+def test_help_fits_the_terminal(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(arguments)
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    if arguments == ["--help"]:
+        assert "Exit codes: 0 done; 1 an output" in out
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,6 +120,29 @@ def test_help_can_be_printed_where_only_ascii_can() -> None:
     result = planarm("--help", PYTHONIOENCODING="ascii")
     assert result.returncode == 0, result.stderr
     assert "planarm benchmark" in result.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["list"]], ids=" ".join)
+def test_an_output_that_is_full_is_one_line_and_1(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "agents.cli", *arguments]
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert result.returncode == 1
+    assert result.stderr.strip().endswith("cannot print: No space left on device")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_file_that_does_not_fit_is_one_line_and_1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "--json", "/dev/full"]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "planarm list: cannot write /dev/full: No space left on device\n"
+
+
+def test_closed_outputs_are_no_error() -> None:
+    command = [sys.executable, "-m", "agents.cli", "plan", "--list"]
+    assert subprocess.run(["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *command], check=False).returncode == 0
 
 
 def test_json_is_written_even_if_nobody_reads_the_tables(tmp_path: Path) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def test_runs_under_way_are_shown_as_far_as_they_are(tmp_path: Path, capsys: pyt
     output = capsys.readouterr().out
     assert cells(output)["PPO alone"][:3] == ["2 (1 under way)", "150", "70 (60 to 80)"]
     assert f"Left out: {tmp_path / 'c'} has no evaluation yet" in output
-    assert main(["curves", str(tmp_path / "c")]) == 2
+    assert main(["curves", str(tmp_path / "c")]) == 1
     assert "no evaluation yet" in capsys.readouterr().err
 
 
@@ -178,12 +178,6 @@ def test_a_run_of_one_row_as_a_vector_drawing(tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         ([], "no runs"),
-        (["none"], "no run to show: none is no folder"),
-        (["empty"], "no run to show: empty is no run"),
-        (["a", "a"], "the same run twice"),
-        (["a", "copy"], "the same run twice"),
-        (["damaged", "empty"], "metrics.csv is damaged"),
-        (["short"], "metrics.csv is damaged"),
         (["a", "--by", "lerning_rate"], 'did you mean "learning_rate"'),
         (["a", "--metrics", "settling_tme"], 'did you mean "settling_time"'),
         (["a", "--metrics", "seconds"], 'unknown metric "seconds"'),
@@ -200,17 +194,84 @@ def test_what_cannot_be_drawn_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty").mkdir()
-    changes: dict[str, dict[str, Any]] = {"a": {}, "copy": {}}
-    for name in ("damaged", "short"):
-        changes[name] = {"seed": 5}
-    for name, change in (*changes.items(), *((f"seed-{seed}", {"seed": seed}) for seed in range(7))):
-        make_run(tmp_path / name, ALONE, **change)
-    (tmp_path / "damaged" / "metrics.csv").write_text("steps,seconds,success,return,expert\n1,2,x,4,apf\n")
-    (tmp_path / "short" / "metrics.csv").write_text("steps,expert\n")
+    for name, seed in (("a", 0), *((f"seed-{seed}", seed) for seed in range(7))):
+        make_run(tmp_path / name, ALONE, seed=seed)
     assert main(["curves", *arguments]) == 2
     assert complaint in capsys.readouterr().err
     assert not list(tmp_path.glob("curves*"))
+
+
+HEAD = "steps,seconds,success,return,settling_time,expert,expert_success,expert_return,expert_settling_time\n"
+
+
+@pytest.mark.parametrize(
+    ("metrics", "complaint"),
+    [
+        ("", "metrics.csv is damaged"),
+        (HEAD, "metrics.csv is damaged"),
+        ("steps,expert\n", "metrics.csv is damaged"),
+        ("steps,seconds,success,return,expert\n1,2,x,4,apf\n", "metrics.csv is damaged"),
+        (f"{HEAD}0,1,1,1,1,apf,1,1,1\n0,2,1,1,1,apf,1,1,1\n", "steps must grow"),
+        (f"{HEAD}0,1,nan,1,1,apf,1,1,1\n", "success and return must be numbers"),
+        (f"{HEAD}0,inf,1,1,1,apf,1,1,1\n", "seconds must be finite"),
+        (f"{HEAD}0,1,1,1,1,apf,1,1,1,7,8\n", "metrics.csv is damaged"),
+        (f"{HEAD}0,1,1\n", "metrics.csv is damaged"),
+        ("\0\0\0", "metrics.csv is damaged"),
+    ],
+)
+def test_damaged_metrics_are_named_and_nothing_else_to_show_is_an_exit_code_of_one(
+    metrics: str, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_run(tmp_path / "damaged", ALONE)
+    (folder / "metrics.csv").write_text(metrics)
+    assert main(["curves", str(folder)]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("planarm curves: no run to show: ")
+    assert complaint in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes in the file system")
+@pytest.mark.parametrize("name", ["metrics.csv", "config.yaml"])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_run(tmp_path / "run", ALONE)
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    assert main(["curves", str(folder), str(tmp_path / "none")]) == 1
+    said = capsys.readouterr().err
+    assert f"{name}" in said
+    assert "is no file" in said
+    assert f"{tmp_path / 'none'} is no folder" in said
+
+
+def test_copies_and_runs_without_a_metric_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make_run(tmp_path / "a", ALONE[:2])
+    make_run(tmp_path / "copy", ALONE)  # of the same seed, and further
+    bare = make_run(tmp_path / "bare", ALONE, seed=1)
+    lines = (bare / "metrics.csv").read_text().replace("settling_time", "settled").splitlines()
+    (bare / "metrics.csv").write_text("\n".join(lines))
+    assert main(["curves", *folders(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert cells(out)["PPO alone"][:2] == ["1", "200"]
+    assert f"{tmp_path / 'a'} has the same settings and seed 0 as {tmp_path / 'copy'}: the same run twice" in out
+    assert f"{bare} has no column settling_time, expert_settling_time in its metrics.csv" in out
+
+
+def test_a_metric_of_one_environment_alone_leaves_the_others_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_run(tmp_path / "belt", ALONE)
+    dodge = make_run(tmp_path / "dodge", ALONE, env="ObstacleDodge-v0")
+    text = (dodge / "metrics.csv").read_text().replace("settling_time", "time_to_goal")
+    (dodge / "metrics.csv").write_text(text)
+    assert main(["curves", *folders(tmp_path), "--metrics", "settling_time"]) == 0
+    out = capsys.readouterr().out
+    assert "### ConveyorTrack-v0" in out
+    assert "### ObstacleDodge-v0" not in out
+    assert 'the runs of ObstacleDodge-v0: unknown metric "settling_time"' in out
+    assert main(["curves", *folders(tmp_path), "--metrics", "settling_tme"]) == 2
 
 
 def test_what_is_no_run_is_named_and_left_out_and_environments_are_told_apart(

@@ -13,6 +13,7 @@ from PIL import Image
 import agents
 import envs
 from agents import cli
+from agents.commands.outputs import check_outputs
 from agents.commands.paths import PathsOptions, run
 from agents.figures.episode_record import record_episode
 from agents.policies.lookup import find_policy
@@ -96,20 +97,23 @@ def test_the_paper_start_as_a_vector_drawing(tmp_path: Path, capsys: pytest.Capt
         ({"policies": ()}, "0 policies"),
         ({"policies": ("dpct",) * 5}, "5 policies"),
         ({"seed": -1}, "seed -1"),
-        ({"dpi": 3}, "dpi 3"),
+        ({"dpi": 3, "plot": Path("paths.png")}, "dpi 3"),
+        ({"dpi": 100}, "give --plot too"),
         ({"plot": Path("paths.jpg")}, r"\.pdf, \.png, \.svg"),
+        ({"policies": ("dpct", "dpct")}, "given 2 times"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_runs(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], complaint: str
 ) -> None:
     monkeypatch.setattr("agents.commands.paths.record_episode", lambda *arguments: pytest.fail("ran an episode"))
-    with pytest.raises(ValueError, match=complaint):
-        run(PathsOptions(**{"env": DODGE, **options}))
+    given = PathsOptions(**{"env": DODGE, **options})
+    with pytest.raises(ValueError, match=complaint):  # noqa: PT012
+        check_outputs(given)
+        run(given)
 
 
 def test_missing_matplotlib_is_said_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.commands.paths.record_episode", lambda *arguments: pytest.fail("ran an episode"))
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
-        run(PathsOptions(env=DODGE, plot=Path("paths.png")))
+        check_outputs(PathsOptions(env=DODGE, plot=Path("paths.png")))

@@ -150,7 +150,7 @@ def test_one_seed_has_no_deviation() -> None:
         (["run-0", "again"], "the same run twice"),
         (["run-0", "move"], "give runs of one environment"),
         (["run-0", "large"], "bytes, more than the 300000"),
-        (["run-0", "no-agent"], "cannot read .*no-agent"),
+        (["run-0", "no-agent"], "no-agent has no best.safetensors"),
     ],
 )
 def test_what_cannot_be_released_is_refused(

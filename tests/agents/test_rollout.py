@@ -130,12 +130,35 @@ def test_a_film_that_ffmpeg_does_not_finish_is_an_error_and_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: "false")
-    path = tmp_path / "episode.mp4"
+    ffmpeg, path = imageio_ffmpeg.get_ffmpeg_exe(), tmp_path / "episode.mp4"
+    programs = iter([ffmpeg, "false"])  # before the episode it still works
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: next(programs))
     with pytest.raises(OSError, match=r"cannot write .*episode\.mp4: ffmpeg ended with 1"):
         run(RolloutOptions(env=ENV_ID, policy="follower", record=path, fps=2, width=64))
     assert not list(tmp_path.iterdir())
     assert "wrote" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("program", "complaint"),
+    [
+        ("exit 3", "ffmpeg ended with 3"),
+        ("echo \"Unknown encoder 'libx264'\" >&2; exit 1", "Unknown encoder 'libx264'"),
+        (None, "ffmpeg cannot be run"),
+    ],
+)
+def test_an_ffmpeg_that_cannot_encode_is_named_before_the_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str | None, complaint: str
+) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    ffmpeg = tmp_path / "ffmpeg"
+    if program is not None:
+        ffmpeg.write_text(f"#!/bin/sh\ncat >/dev/null\n{program}\n")
+        ffmpeg.chmod(0o755)
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: str(ffmpeg))
+    monkeypatch.setattr("agents.commands.rollout.play", lambda *arguments: pytest.fail("ran an episode"))
+    with pytest.raises(ValueError, match=rf"cannot write .*{complaint}.*record a \.gif"):
+        run(RolloutOptions(env=ENV_ID, record=tmp_path / "episode.mp4"))
 
 
 @pytest.mark.parametrize(("env_id", "scenario"), [("ExcavatorPayload-v0", "cycle"), (ENV_ID, "paper")])
@@ -164,4 +187,4 @@ def test_a_gif_keeps_the_drawings_own_colours(tmp_path: Path) -> None:
     with Image.open(path) as written:
         shown = np.asarray(written.convert("RGB"))
     for column, (name, color) in enumerate(own.items()):
-        np.testing.assert_allclose(shown[10, column].astype(int), color, atol=8, err_msg=name)  # Pillow's own precision
+        np.testing.assert_array_equal(shown[10, column], color, err_msg=name)

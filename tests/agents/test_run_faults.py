@@ -121,7 +121,7 @@ def test_edited_settings_are_noticed_but_for_device_and_threads(run: Path, capsy
     text = config.read_text()
     config.write_text(text.replace("num_envs: 2\n", "num_envs: 4\n"))
     assert main(["train", "--resume", str(run)]) == 2
-    assert "edited since the run began (num_envs)" in capsys.readouterr().err
+    assert "edited since the run began (num_envs: 4, which was 2)" in capsys.readouterr().err
     config.write_text(text.replace("threads: 1\n", "threads: 2\n"))
     assert main(["train", "--resume", str(run)]) == 0
     torch.set_num_threads(1)

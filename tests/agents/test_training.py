@@ -346,7 +346,7 @@ def test_shipped_configs_can_begin(name: str, tmp_path: Path) -> None:
         (["ppo/ConveyorTrack-v0", "warm_start.expert=dptc"], 'did you mean "dpct"'),
         ([], "name a configuration"),
         (["ppo/ConveyorTrack-v0", "--resume", "runs/x"], "--resume takes no other"),
-        (["--resume", "runs/none"], "cannot read"),
+        (["--resume", "runs/none"], "no folder runs/none"),
     ],
 )
 def test_what_cannot_be_trained_is_refused(

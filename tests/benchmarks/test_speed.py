@@ -130,7 +130,7 @@ def bare_chipmunk() -> Callable[[], None]:
     """The physics of `batch_steps` and nothing else, on as many threads."""
     vector = gym.make_vec("ConveyorTrack-v0", num_envs=N_ENVS)
     vector.reset(seed=0)
-    halves = np.split(vector.unwrapped.task.batch["space"].copy(), 2)  # type: ignore[attr-defined]
+    halves = np.split(vector.unwrapped.task._batch.records["space"].copy(), 2)  # type: ignore[attr-defined]
     pool = ThreadPoolExecutor(2)
 
     def run() -> None:

@@ -227,6 +227,21 @@ class TestExpert:
         assert expert.infeasible == 0
         assert info["is_success"]
 
+    def test_brakes_to_rest_although_a_torque_saturates(self) -> None:
+        def refuse(problem: MotionProblem) -> Trajectory:
+            raise Infeasible("late", "for the test")
+
+        env = made()
+        moving = envs.make_expert("dpct", env)
+        observation, _ = env.reset(seed=0)
+        for _ in range(75):
+            observation, *_ = env.step(moving.predict(observation)[0])
+        assert np.abs(env.unwrapped.joint_state()[1]).max() > 0.15
+        braking = PlanningExpert(env.unwrapped.task, refuse)
+        for _ in range(70):
+            observation, *_ = env.step(braking.predict(observation)[0])
+        assert np.abs(env.unwrapped.joint_state()[1]).max() < 1e-6
+
     def test_brakes_when_there_is_no_plan(self) -> None:
         def refuse(problem: MotionProblem) -> Trajectory:
             raise Infeasible("late", "for the test")

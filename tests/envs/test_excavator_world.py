@@ -104,7 +104,7 @@ def test_physics_converges_to_the_equations() -> None:
 @pytest.mark.parametrize("level", [1, 2])
 def test_joints_do_not_come_apart(level: int) -> None:
     env = make(350.0, level=level)
-    joints = env.task._world._spaces[0].constraints
+    joints = env.task._batch.world._spaces[0].constraints
     worst = 0.0
     controller = make_controller(planar=True)
     for _ in range(env.task.horizon_steps):

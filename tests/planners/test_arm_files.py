@@ -186,12 +186,32 @@ BOMB = "a: &a [x, x]\n" + "\n".join(
         ("lengths_m: [", "is no YAML"),
         ("? [a, b]\n: 1", "is no YAML|cannot be a key"),
         ("when: 2026-99-99", "is no YAML"),
+        ("when: 2026-01-01", "2026-01-01 is read as a date: put it in quotes"),
+        ("1: [1.0]", "the key 1 is no text: put it in quotes"),
+        ("lengths_m: [0x" + 40 * "f" + "]", "an integer of 160 bits; 64 are the most"),
+        ("[1," + 30_000 * "1," + "]", "must hold the keys and values of an arm"),
         ("just words", "must hold the keys and values of an arm"),
         ("- 1.0", "must hold the keys and values of an arm"),
         ("", "must hold the keys and values of an arm"),
         ("# " + 70_000 * "x", "larger than 64 KiB"),
     ],
-    ids=["bomb", "tag", "twice", "deep", "cut", "key", "date", "text", "list", "empty", "large"],
+    ids=[
+        "bomb",
+        "tag",
+        "twice",
+        "deep",
+        "cut",
+        "key",
+        "no-date",
+        "date",
+        "number",
+        "huge",
+        "long",
+        "text",
+        "list",
+        "empty",
+        "large",
+    ],
 )
 def test_files_that_are_no_plain_yaml_are_refused_at_once(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "bad.yaml"
@@ -206,10 +226,14 @@ def test_files_that_are_no_json_or_no_text_are_refused(tmp_path: Path) -> None:
         ("{", "is no JSON"),
         ('{"a": 1, "a": 2}', '"a" is given twice'),
         ("[" * 60_000, "is no JSON"),
+        ("[" * 13 + "]" * 13, "more than 12 levels of lists and mappings"),
+        ('{"a": ' + 400 * "9" + "}", "an integer of 1329 bits; 64 are the most"),
     ):
         file.write_text(text)
         with pytest.raises(ValueError, match=message):
             load_arm(file)
+    file.write_bytes(b'\xef\xbb\xbf{"a": 1}')
+    assert read_document(file) == {"a": 1}
     file.write_bytes(b"\xff\xfe")
     with pytest.raises(ValueError, match="no text in UTF-8"):
         load_arm(file)

@@ -1,92 +1,183 @@
+"""Compiled functions are compiled again when source that they reach has changed, wherever their cache lies."""
+
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from importlib import reload
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from planners.compile_cache import drop_stale
+from planners import compile_cache
+
+FILES = {
+    "planners/__init__.py": "import planners.compile_cache",
+    "planners/low.py": "from numba import njit\n@njit(cache=True)\ndef low(x): return x + 1.0",
+    "planners/high.py": "from numba import njit\nfrom planners.low import (  # (a comment)\n    low,\n)\n"
+    "@njit(cache=True)\ndef high(x): return low(x) * 10.0",
+    "planners/other.py": "OTHER = 1.0",
+    "envs/__init__.py": "",
+    "envs/upper.py": "from planners.high import high",
+    "mine/task.py": "from numba import njit\nimport helper\nhelp = helper.help\n"
+    "@njit(cache=True)\ndef task(x): return help(x) + 0.5",
+    "mine/helper.py": "from numba import njit\nfrom envs import upper\nthen = upper.high\n"
+    "@njit\ndef help(x): return then(x) + 100.0",
+    "plain/alone.py": "from numba import njit\n@njit(cache=True)\ndef alone(x): return x",
+}
+
+# Every step runs in a process of its own, forked from one that has imported numba.
+STEPS = """
+import os, sys, time, warnings
+from pathlib import Path
+import numba
+
+def run(label):
+    sys.stdout.flush()
+    if child := os.fork():
+        assert os.waitpid(child, 0)[1] == 0
+        return
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        from planners.high import high
+        from task import task
+        value = task(0.0), high(0.0)
+    misses = sum(f.stats.cache_misses.total() for f in (task, high))
+    print(label, *value, misses, sum(one.category is RuntimeWarning for one in caught), flush=True)
+    os._exit(0)
+
+def edit(name, old, new):  # in place, with the time and the size of before
+    path = Path(name)
+    status = path.stat()
+    path.write_text(path.read_text().replace(old, new))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+run("first")
+if len(sys.argv) > 1:
+    edit("planners/other.py", "1.0", "2.0"); run("unrelated")
+    edit("mine/helper.py", "100.0", "200.0"); run("helper")
+edit("planners/low.py", "1.0", "2.0"); run("low")
+"""
 
 
 @pytest.fixture
-def packages(tmp_path: Path) -> tuple[Path, Path]:
-    """Two packages whose sources are a minute old, and whose caches are new."""
-    for name in ("lower", "upper"):
-        folder = tmp_path / name
-        (folder / "__pycache__").mkdir(parents=True)
-        source = folder / "kernel.py"
-        source.write_text("import lower.kernel\n" if name == "upper" else "")
-        os.utime(source, (source.stat().st_atime, source.stat().st_mtime - 60.0))
-        for ending in ("nbi", "1.nbc"):
-            (folder / "__pycache__" / f"kernel.{ending}").touch()
-    return tmp_path / "lower", tmp_path / "upper"
+def packages(tmp_path: Path) -> Path:
+    for name, source in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(source + "\n")
+    source = Path(compile_cache.__file__).read_bytes()
+    (tmp_path / "planners" / "compile_cache.py").write_bytes(source)
+    return tmp_path
 
 
-def caches(folder: Path) -> int:
-    return len(list(folder.rglob("*.nb?")))
+def run(packages: Path, code: str, *arguments: str, **environment: str) -> list[list[str]]:
+    paths = os.pathsep.join(str(packages / name) for name in ("", "mine", "plain"))
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=packages,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return [line.split() for line in done.stdout.splitlines()]
 
 
-def test_fresh_caches_are_kept(packages: tuple[Path, Path]) -> None:
-    lower, upper = packages
-    drop_stale(upper, sources=(lower,))
-    assert caches(upper) == 2
+def make_read_only(packages: Path) -> None:
+    """No ``__pycache__`` can be made, by root neither."""
+    for folder in ("planners", "envs", "mine"):
+        (packages / folder / "__pycache__").write_text("")
 
 
-def test_a_newer_source_drops_its_own_cache(packages: tuple[Path, Path]) -> None:
-    lower, upper = packages
-    os.utime(upper / "kernel.py", (1e10, 1e10))
-    drop_stale(upper)
-    assert caches(upper) == 0
-    assert caches(lower) == 2
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
+@pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR", "home", "nowhere"])
+def test_an_edit_is_compiled_wherever_the_cache_lies(packages: Path, place: str) -> None:
+    environment = {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": "", "HOME": str(packages / "home")}
+    if place == "NUMBA_CACHE_DIR":
+        environment["NUMBA_CACHE_DIR"] = str(packages / "chosen")
+    if place in ("home", "nowhere"):
+        make_read_only(packages)
+        environment.pop("XDG_CACHE_HOME")
+    if place == "nowhere":
+        environment["HOME"] = os.devnull
+    more = place == "home"
+    steps = {
+        label: tuple(map(float, values)) for label, *values in run(packages, STEPS, *["more"] * more, **environment)
+    }
+    caches = [path.name for path in packages.rglob("*.nbi")]
+    if place == "nowhere":
+        assert steps == {"first": (110.5, 10.0, 2, 1), "low": (120.5, 20.0, 2, 1)}
+        assert not caches
+    else:
+        whole = {"unrelated": (110.5, 10.0, 0, 0), "helper": (210.5, 10.0, 1, 0), "low": (220.5, 20.0, 2, 0)}
+        after = whole if more else {"low": (120.5, 20.0, 2, 0)}
+        assert steps == {"first": (110.5, 10.0, 2, 0), **after}
+        assert sorted(name.split("-")[0] for name in caches) == ["high.high", "low.low", "task.task"]
 
 
-def test_a_newer_source_that_is_not_imported_changes_nothing(packages: tuple[Path, Path]) -> None:
-    _, upper = packages
-    (upper / "other.py").touch()
-    os.utime(upper / "other.py", (1e10, 1e10))
-    drop_stale(upper)
-    assert caches(upper) == 2
+def test_without_a_home_no_folder_is_made_in_the_working_folder(packages: Path) -> None:
+    make_read_only(packages)
+    code = "import os; os.path.expanduser = lambda path: path\nfrom planners.low import low\nlow(1.0)"
+    run(packages, "import warnings; warnings.simplefilter('ignore')\n" + code, HOME="", XDG_CACHE_HOME="")
+    assert not list(packages.glob("~*"))
+
+
+def test_functions_of_other_projects_are_left_to_numba(packages: Path) -> None:
+    code = "import planners, alone; alone.alone(1.0); print(type(alone.alone._cache._impl.locator).__name__)"
+    assert run(packages, code, NUMBA_CACHE_DIR="") == [["InTreeCacheLocator"]]
+
+
+def imports_of(path: Path) -> set[str]:
+    return {os.path.basename(file) for file in compile_cache._imports(path, path.read_bytes())}
 
 
 @pytest.mark.parametrize(
-    "line",
+    ("line", "reached"),
     [
-        "from upper.other import name",
-        "from upper import other",
-        "from upper import (\n    absent,\n    other,\n)",
-        "import upper.other",
-        "from upper import middle",
+        ("from package.one import name", {"one.py"}),
+        ("from package import one", {"one.py"}),
+        ("from package import one as name, two", {"one.py", "two.py"}),
+        ("from package import (\n    one,  # (first)\n    two,\n)", {"one.py", "two.py"}),
+        ("from package import one, \\\n    two", {"one.py", "two.py"}),
+        ("from package import absent, one", {"__init__.py", "one.py"}),
+        ("from package import *", {"__init__.py"}),
+        ("import package.one as name, package.two", {"one.py", "two.py"}),
+        ("import package.one; import package.two", {"one.py", "two.py"}),
+        ("from . import one", {"one.py"}),
+        ("from .two import name", {"two.py"}),
+        ("from .. import package", {"__init__.py"}),
+        ("def later():\n    from package.one import name", {"one.py"}),
+        ("import numpy, os.path", set()),
     ],
 )
-def test_a_newer_source_that_is_imported_drops_the_cache(packages: tuple[Path, Path], line: str) -> None:
-    _, upper = packages
-    (upper / "other.py").touch()
-    os.utime(upper / "other.py", (1e10, 1e10))
-    (upper / "middle.py").write_text("def later():\n    from upper.other import name\n")
-    (upper / "kernel.py").write_text(line + "\n")
-    for source in ("kernel.py", "middle.py"):
-        os.utime(upper / source, (0.0, 0.0))
-    drop_stale(upper)
-    assert caches(upper) == 0
+def test_imports_are_found_however_they_are_written(tmp_path: Path, line: str, reached: set[str]) -> None:
+    for name in ("__init__", "one", "two"):
+        (tmp_path / "package").mkdir(exist_ok=True)
+        (tmp_path / "package" / f"{name}.py").touch()
+    path = tmp_path / "package" / "kernel.py"
+    path.write_text(line + "\n")
+    assert imports_of(path) == reached
 
 
-def test_a_cache_without_a_source_is_dropped(packages: tuple[Path, Path]) -> None:
-    _, upper = packages
-    (upper / "other.py").touch()
-    os.utime(upper / "other.py", (1e10, 1e10))
-    (upper / "kernel.py").unlink()
-    drop_stale(upper)
-    assert caches(upper) == 0
+def test_a_module_that_is_loaded_again_runs_its_new_code(
+    packages: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    monkeypatch.syspath_prepend(packages / "plain")
+    request.addfinalizer(lambda: sys.modules.pop("again", None))
+    source = packages / "plain" / "again.py"
+    text = "from numba import njit\nimport planners.typing\nimport again_low\n"
+    text += "value = again_low.VALUE\n@njit(cache=True)\ndef again(): return value\n"
+    (packages / "plain" / "again_low.py").write_text("VALUE = 1.0\n")
+    source.write_text(text)
+    import again_low  # type: ignore[import-not-found]
 
-
-def test_a_newer_source_of_a_lower_package_counts(packages: tuple[Path, Path]) -> None:
-    lower, upper = packages
-    os.utime(lower / "kernel.py", (1e10, 1e10))
-    drop_stale(upper, sources=(lower,))
-    assert caches(upper) == 0
-
-
-def test_no_cache_is_no_trouble(tmp_path: Path) -> None:
-    (tmp_path / "kernel.py").touch()
-    drop_stale(tmp_path)
-    assert caches(tmp_path) == 0
+    module: ModuleType = __import__("again")
+    assert module.again() == 1.0
+    (packages / "plain" / "again_low.py").write_text("VALUE = 22.0\n")
+    source.write_text(text + "# edited\n")
+    reload(again_low)
+    assert reload(module).again() == 22.0

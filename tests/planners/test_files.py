@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import resource
 import stat
 import threading
 from pathlib import Path
@@ -92,6 +93,60 @@ def test_a_device_stays_a_device() -> None:
     assert Path("/dev/null").is_char_device()
     with pytest.raises(OSError, match="cannot write /dev/full: No space left"):
         write_text(Path("/dev/full"), "too much")
+
+
+def test_a_chain_of_links_is_followed_and_a_circle_refused(tmp_path: Path) -> None:
+    first, second, last = (tmp_path / name for name in ("a.json", "b.json", "c.json"))
+    first.symlink_to(second)
+    second.symlink_to("c.json")
+    write_text(first, "through")
+    assert first.is_symlink()
+    assert second.is_symlink()
+    assert last.read_text() == "through"
+    last.unlink()
+    last.symlink_to(first)
+    with pytest.raises(ValueError, match="circle"):
+        check_output(first)
+
+
+def test_a_new_file_has_the_permissions_of_the_mask(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_text(tmp_path / "new.json", "{}")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "new.json").stat().st_mode) == 0o640
+
+
+def test_long_names_of_many_bytes(tmp_path: Path) -> None:
+    path = tmp_path / ("\u4e2d" * 80 + ".json")
+    check_output(path)
+    write_text(path, "{}")
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_an_open_file_goes_on_where_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "printed.txt"
+    with path.open("wb") as file:
+        file.write(b"before\n")
+        file.flush()
+        check_output(Path(f"/dev/fd/{file.fileno()}"))
+        write_text(Path(f"/dev/fd/{file.fileno()}"), "between\n")
+        file.write(b"after\n")
+    assert path.read_text() == "before\nbetween\nafter\n"
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
+    path, limits = tmp_path / "results.json", resource.getrlimit(resource.RLIMIT_FSIZE)
+    write_text(path, "old")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"cannot write .*results\.json: File too large"):
+            write_text(path, "new" * 4096)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:

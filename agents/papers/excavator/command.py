@@ -7,7 +7,6 @@ gains are stated here; the paper's law is :class:`planners.control.AdaptiveCompu
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,6 +23,14 @@ from planners.excavator import EXCAVATOR
 from planners.excavator.controllers import ADAPTIVE
 
 Cell = Callable[[Record], str]
+
+RANGES = {
+    "payload": (0.0, 100.0, " %"),
+    "rated_load": (1.0, 1e5, " kg"),
+    "cycles": (1, 1000, ""),
+    "rate": (10.0, 2000.0, " samples/s"),
+}
+"""Least and greatest value of each option, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +53,14 @@ class PaperExcavatorOptions(ReportOptions):
 
     def trial(self) -> Trial:
         """What all runs share; a ValueError if an option is out of range."""
-        if not self.payloads or not all(math.isfinite(value) and value >= 0.0 for value in self.payloads):
-            raise ValueError(f"payloads {self.payloads} must be one percentage or more, none negative")
-        for name in ("rated_load", "cycles", "rate"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"{name} {getattr(self, name)} must be positive")
+        if not self.payloads:
+            raise ValueError("no payloads: give at least one, % of the rated load, such as --payloads 0 10")
+        given = [("payload", percent) for percent in self.payloads]
+        given += [(name, getattr(self, name)) for name in ("rated_load", "cycles", "rate")]
+        for name, value in given:
+            least, most, unit = RANGES[name]
+            if not least <= value <= most:
+                raise ValueError(f"{name} {value:g}{unit} must be from {least:g} to {most:g}{unit}")
         machine = replace(EXCAVATOR, payload=replace(EXCAVATOR.payload, rated_load=self.rated_load))
         return Trial(machine=machine, cycles=self.cycles, period=1.0 / self.rate)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from stable_baselines3 import PPO
 
 from agents.training.algorithms.segmented import Segmented, Tensors, between, layer_tensors, network_settings
@@ -18,6 +20,12 @@ class SegmentedPPO(Segmented, PPO):  # type: ignore[misc]
 
     def __init__(self, config: PPOConfig, env: NativeVecEnv, layout: Layout, device: str = "cpu") -> None:
         self.config = config
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "You have specified a mini-batch size")  # `PPOConfig.remark` is shorter
+            self._set_up(config, env, layout, device)
+        self.policy.log_std.requires_grad_(config.final_log_std is None)
+
+    def _set_up(self, config: PPOConfig, env: NativeVecEnv, layout: Layout, device: str) -> None:
         super().__init__(
             "MlpPolicy",
             env,
@@ -35,7 +43,6 @@ class SegmentedPPO(Segmented, PPO):  # type: ignore[misc]
             seed=config.seed,
             device=device,
         )
-        self.policy.log_std.requires_grad_(config.final_log_std is None)
 
     def train(self) -> None:
         """One update; then sets the noise of the actions to its schedule, if it has one."""

@@ -129,12 +129,18 @@ def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = No
     return True
 
 
+def check_motions(env: gym.vector.VectorEnv[Any, Any, Any]) -> MinTorqueMove:
+    """The task of an environment whose actions are whole motions; a ValueError for another one."""
+    task = env.unwrapped.task  # type: ignore[attr-defined]
+    if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
+        raise ValueError("amortise needs MinTorqueMove-v0 with control_mode motion: its actions are whole motions")
+    return task
+
+
 def _moves(config: PPOConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
     """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
     with closing(gym.make_vec(config.env_id, num_envs=_N_ENVS, **config.env_config)) as env:
-        task = env.unwrapped.task  # type: ignore[attr-defined]
-        if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
-            raise ValueError("amortise needs MinTorqueMove-v0 with control_mode motion: its actions are whole motions")
+        task = check_motions(env)
         rows: list[NDArray[np.float32]] = []
         while len(rows) * _N_ENVS < plan.moves:
             rows.append(env.reset(seed=seed + len(rows) * _N_ENVS)[0])

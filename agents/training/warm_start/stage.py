@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from planners.files import whole_file
-
-State = dict[str, Any]
+from agents.training.state_file import State, damaged, read_state, write_state
 
 
 @dataclass
@@ -29,6 +27,7 @@ class Stage:
     """
 
     path: Path | None = None
+    run: str = ""
     report: Callable[[str], bool] = lambda line: True
     seconds: float = 0.0
     _parts: State = field(default_factory=dict)
@@ -41,8 +40,8 @@ class Stage:
             ValueError: if the file is damaged. No code in it is run.
         """
         if self.path is not None and self.path.exists() and not self._parts:
+            content = read_state(self.path, self.run)
             try:
-                content = torch.load(self.path, weights_only=True)
                 self.seconds, self._parts = float(content["seconds"]), dict(content["parts"])
             except Exception as error:  # a damaged file can fail in any way
                 raise damaged(self.path, error) from None
@@ -53,9 +52,7 @@ class Stage:
         """Keep the state of a part, in the types that torch loads without running code."""
         self._parts[name] = state
         if self.path is not None:
-            content = {"seconds": self.elapsed(), "parts": self._parts}
-            with whole_file(self.path) as draft:
-                torch.save(content, draft)
+            write_state(self.path, self.run, {"seconds": self.elapsed(), "parts": self._parts})
 
     def elapsed(self) -> float:
         """Seconds that the warm start has taken, over all processes."""
@@ -74,10 +71,3 @@ def state_of(policy: Any, optimizer: torch.optim.Optimizer, generator: np.random
         "optimizer": deepcopy(optimizer.state_dict()),
         "generator": generator.bit_generator.state,
     }
-
-
-def damaged(path: Path, error: Exception) -> ValueError:
-    """What to raise for a file of a run that cannot be read, without the advice of torch to load it unsafely."""
-    return ValueError(
-        f"{path} is damaged, or of another run ({type(error).__name__}); restore it, or delete it to begin again"
-    )

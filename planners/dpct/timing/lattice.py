@@ -7,7 +7,7 @@ A stage lasts `STAGE` and has one of the accelerations ``-a, 0, a``. The reachab
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,7 +23,7 @@ from planners.dpct.timing.crossings import (
     fill_costs,
     posture,
 )
-from planners.dpct.timing.line import line_along, line_to
+from planners.dpct.timing.line import line_along, line_fields, line_to
 from planners.motion.double_integrator import along_profile, fill_profile, rest_time
 from planners.typing import Array
 
@@ -55,7 +55,7 @@ class Lattice(NamedTuple):
 @njit(cache=True, nogil=True)
 def best_timing(
     scene: PredictedDiscs, q: Array, qd: Array, goals: Array, asides: Array, limits: ArmLimits
-) -> tuple[float, StraightLine, Array]:
+) -> tuple[float, tuple[Any, ...], Array]:
     """The best timing on the straight lines to the goals and, if discs block all of them, on detours.
 
     Args:
@@ -65,7 +65,7 @@ def best_timing(
         limits: of the arm.
 
     Returns:
-        Its cost, its line, and the accelerations of `search`; the cost is inf if there is none.
+        Its cost, the fields of its line, and the accelerations of `search`; the cost is inf if there is none.
     """
     best_line = line_to(q, qd, goals[0], limits)
     best, accelerations = np.inf, np.zeros(0)
@@ -77,7 +77,7 @@ def best_timing(
         cost, found = search(scene, line, goals, limits.table, best)
         if cost < best:
             best, best_line, accelerations = cost, line, found
-    return best, best_line, accelerations
+    return best, line_fields(best_line), accelerations
 
 
 @njit(cache=True, nogil=True)

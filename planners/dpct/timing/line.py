@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -24,6 +25,19 @@ PROBES = 5  # positions on a line at which the torque limits are checked
 
 SLACK = 0.005
 """Largest excess of a joint range, rad, by a start that a tracking error has made too fast to stop within it."""
+
+
+@njit(cache=True, nogil=True)
+def line_fields(line: StraightLine) -> tuple[Any, ...]:
+    """The fields of a line, which compiled functions give to interpreted ones instead of the named tuple."""
+    motion = (line.across, line.decay, line.speed, line.top_speed, line.acceleration)
+    return (line.origin, line.direction, *motion, line.low, line.high, line.goal, line.held)
+
+
+@njit(cache=True, nogil=True)
+def fields_of_line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> tuple[Any, ...]:
+    """`line_to` for interpreted functions."""
+    return line_fields(line_to(q, qd, goal, limits))
 
 
 @njit(cache=True, nogil=True)

@@ -24,7 +24,7 @@ from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
 from planners.dpct.timing.crossings import STAGE, ArmLimits, PredictedDiscs, StraightLine, first_contact
 from planners.dpct.timing.lattice import best_timing, time_from_rest
-from planners.dpct.timing.line import line_to
+from planners.dpct.timing.line import fields_of_line_to
 from planners.goals import goal_postures
 from planners.motion.double_integrator import BRAKE, CRUISE, RISE, SPEED, fill_profile
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, limit_broken
@@ -169,7 +169,8 @@ def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limi
     """The best timing: one leg to the target, or a detour and a leg from its end."""
     q, qd, _ = problem.start
     bounds = ArmLimits(limits, problem.joint_limits.angle_middle, *problem.loaded_arm.chain_constants)
-    cost, line, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
+    cost, fields, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
+    line = StraightLine(*fields)
     if not np.isfinite(cost):
         _require_strength(problem, goals)
         message = "the joints are too fast to stop within their ranges, or the static torques use up the torque limits"
@@ -183,7 +184,7 @@ def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limi
     pieces.append((abs(v) / line.acceleration, -math.copysign(line.acceleration, v)))
     stop = line.origin + (r + 0.5 * v * abs(v) / line.acceleration) * line.direction
     times = [time_from_rest(stop, goal[None], limits) for goal in goals]
-    last = line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], bounds)
+    last = StraightLine(*fields_of_line_to(stop, np.zeros_like(stop), goals[int(np.argmin(times))], bounds))
     if math.isnan(last.low):
         raise Infeasible(
             "limits", "no straight line within the limits leads on to the target from a detour; raise them"

@@ -135,8 +135,10 @@ class Found(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def search(situation: Situation, options: Options, ends: Stops, patterns: Array, via: Array) -> Found:
-    """Try every end with every pattern of via-nodes in several durations, and refine the best.
+def search(
+    situation: Situation, options: Options, ends: Stops, patterns: Array, via: Array
+) -> tuple[float, int, float]:
+    """Try every end with every pattern of via-nodes in several durations, and refine the best: the fields of a `Found`.
 
     ``patterns`` are displacements of the via-nodes, ``(patterns, 2, n)``, rad; those of the best are written to
     ``via``, ``(2, n)``.
@@ -159,7 +161,9 @@ def search(situation: Situation, options: Options, ends: Stops, patterns: Array,
                         best = Found(cost, e, duration)
                         via[:] = tried
                     duration *= STRETCH ** (1.0 / FINER) if straight else STRETCH
-    return _refine(context, via, best) if best.end >= 0 else best
+    if best.end >= 0:
+        best = _refine(context, via, best)
+    return best.cost, best.end, best.duration
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Options, Situation, Stops, search
+from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Found, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible, MotionProblem, MovingHand
@@ -125,17 +125,17 @@ def plan_via(
 def _search(problem: MotionProblem, situation: Situation, options: Options, goals: Array, *, delay: bool) -> Trajectory:
     """The best motion to a goal posture ``(goals, n)``, or with ``delay`` to a waiting one; raises as `plan_via`."""
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
-    ends = list_ends(situation, options.hold, goals, offsets if delay else offsets[:0], len(patterns))
+    ends = Stops(*list_ends(situation, options.hold, goals, offsets if delay else offsets[:0], len(patterns)))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
         raise _late(problem, soonest)
     if not delay:
         options = _to_the_end(options, soonest, problem.horizon, bool(problem.obstacles))
     via = np.zeros((2, problem.arm.n_joints))
-    found = search(situation, options, ends, patterns, via)
+    found = Found(*search(situation, options, ends, patterns, via))
     if found.end < 0:
-        stops = list_ends(situation, options.hold, goals, offsets, len(patterns))
-        if delay or search(situation, options, stops, patterns, via).end < 0:
+        stops = Stops(*list_ends(situation, options.hold, goals, offsets, len(patterns)))
+        if delay or Found(*search(situation, options, stops, patterns, via)).end < 0:
             raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
         raise _late(problem, soonest)
     if found.end >= len(goals) and not problem.obstacles:  # no reason to wait
@@ -203,9 +203,10 @@ def _sides(n_joints: int) -> list[Array]:
 
 
 @njit(cache=True, nogil=True)
-def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, patterns: int) -> Stops:
+def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, patterns: int) -> tuple[Array, ...]:
     """Goals ``(goals, n)``, with every pattern, and waiting postures: where the arm can stop, plus ``offsets``.
 
+    The fields of `Stops`.
     Waiting postures outside of the joint ranges are left out; the motion to them has no via-nodes.
     """
     n, still = situation.q.shape[0], np.zeros_like(situation.q)
@@ -230,7 +231,7 @@ def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, p
         for goal in goals:
             due[count] = min(due[count], waiting + DETOUR * _least_time(situation, posture, still, goal))
         count += 1
-    return Stops(q[:count], due[:count], holds[:count], soonest[:count], tried[:count])
+    return q[:count], due[:count], holds[:count], soonest[:count], tried[:count]
 
 
 @njit(cache=True, nogil=True)

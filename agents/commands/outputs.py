@@ -1,0 +1,58 @@
+"""The files that commands write: what is asked for is checked before any work is done for it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from agents.console import note
+from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
+from envs.settings import refuse_unknown
+from planners.files import check_output, is_stream, write_bytes
+
+OUTPUTS = ("json", "report", "csv", "save", "plot", "record", "animate")
+"""Options that name a file to write."""
+
+BELONGS = {"dpi": "plot", "fps": "record", "width": "record"}
+"""Options that say how the file of another one is written."""
+
+
+def check_outputs(options: Any) -> None:
+    """Raise, before a command runs, if a file that its options ask for could not be written.
+
+    Raises:
+        ValueError: for a file that cannot be written, one that two options name, or an option that says how a file is
+            written without one that names it.
+        ModuleNotFoundError: for a picture without matplotlib.
+    """
+    given: dict[str, Path] = {}
+    for name in OUTPUTS:
+        path = getattr(options, name, None)
+        if path is None:
+            continue
+        check_output(path)
+        for other, known in given.items():
+            if os.path.realpath(known) == os.path.realpath(path) and not is_stream(path):
+                raise ValueError(f"--{other} and --{name} both write to {path}: give each a file of its own")
+        given[name] = path
+    for field in fields(options):
+        owner = BELONGS.get(field.name)
+        if owner is not None and owner not in given and getattr(options, field.name) != field.default:
+            raise ValueError(f"--{field.name} is about the file of --{owner}: give --{owner} too, or leave it out")
+    if "plot" in given:
+        _check_picture(given["plot"], options.dpi)
+
+
+def _check_picture(plot: Path, dpi: int) -> None:
+    if not 40 <= dpi <= 600:
+        raise ValueError(f"dpi {dpi} must be from 40 to 600")
+    refuse_unknown([plot.suffix.lower()], FORMATS, f"file format of {plot}:")
+    new_sheet(1.0, 1.0)
+
+
+def write_picture(sheet: Figure, plot: Path, dpi: int, *, colors: int | None = 256) -> None:
+    """Write a drawing to a file, a PNG with so many colours, and say so."""
+    write_bytes(plot, image_bytes(sheet, plot.suffix, dpi, colors=colors))
+    note(f"wrote {plot}")

@@ -1,0 +1,116 @@
+"""The folder of a training run: what it starts from, who works in it, and whether its files are what they should be."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from agents.provenance import machine, versions
+from agents.training.devices import described
+from agents.training.recipe import TrainingConfig
+from planners.documents import read_document
+from planners.files import write_json, write_text
+
+RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
+LOCK = "lock"
+_SUFFIXES = (".pt", ".npz", ".csv", ".json", ".yaml", ".safetensors")  # of the files of a run
+_FREE = ("device", "threads")  # settings that may change between two resumes
+_ABSENT = "nothing"
+
+
+def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
+    """Write what a run starts from: its settings, and the command, versions, machine and device.
+
+    Raises:
+        ValueError: if the folder is not empty, or no folder.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is no folder: choose another --out")
+    with alone_in(folder):
+        if any(path.name != LOCK for path in folder.iterdir()):
+            raise ValueError(
+                f"{folder} is not empty: choose another --out, or continue the run there: --resume {folder}"
+            )
+        settings = config.model_dump(mode="json")
+        origin = {"command": command, "seed": config.seed, "versions": versions(RL_DISTRIBUTIONS)}
+        write_text(folder / "config.yaml", yaml.safe_dump(settings, sort_keys=False))
+        write_json(folder / "run.json", {**origin, "machine": {**machine(), **described(config)}, "config": settings})
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other processes from training in a folder meanwhile, and remove what killed ones have left half-written.
+
+    Raises:
+        ValueError: if one is training there. The lock ends with its process, however that ends.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    check_files(folder)
+    with (folder / LOCK).open("a+b") as file:
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise ValueError(f"another process is training in {folder}: wait for it, or stop it first") from None
+        for draft in folder.glob(".*.*.*"):
+            if draft.suffix in _SUFFIXES:
+                draft.unlink()
+        yield
+
+
+def check_files(folder: Path) -> None:
+    """Raise a ValueError if something in a run's folder has the name of one of its files and is none.
+
+    That is a folder, a pipe or a device, or a link that leads nowhere.
+    """
+    for path in folder.iterdir():
+        if (path.suffix in _SUFFIXES or path.name == LOCK) and not path.is_file() and os.path.lexists(path):
+            raise ValueError(f"{path} is no file: remove it, or restore the file of the run that had this name")
+
+
+def check_origin(folder: Path, config: TrainingConfig) -> str:
+    """Compare a run's settings with those that it began with; device and threads may change.
+
+    Returns:
+        The identity of the run, equal for runs of equal settings, which have equal checkpoints.
+
+    Raises:
+        ValueError: if others have changed, with their values, or it is not known what the run began with.
+    """
+    path = folder / "run.json"
+    about = read_document(path)
+    began = about.get("config") if isinstance(about, dict) else None
+    if not isinstance(began, dict):
+        raise ValueError(f"{path} is damaged: it does not have the settings that the run began with; restore it")
+    now = config.model_dump(mode="json")
+    if changed := [line for line in _changes(began, now) if not line.startswith(_FREE)]:
+        raise ValueError(
+            f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed)}): a run keeps its "
+            f"settings; restore them ({path.name} has them), or begin another run"
+        )
+    fixed = {name: value for name, value in began.items() if name not in _FREE}
+    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """What differs between nested settings, such as ``env_config.horizon: 2.0 was 3.0``."""
+    for name in dict.fromkeys((*before, *after)):
+        old, new = before.get(name, _ABSENT), after.get(name, _ABSENT)
+        if isinstance(old, dict) and isinstance(new, dict):
+            yield from _changes(old, new, f"{prefix}{name}.")
+        elif old != new:
+            yield f"{prefix}{name}: {new}, which was {old}"

@@ -1,0 +1,120 @@
+"""`Batch`: the memory of a task's environments, which compiled kernels advance, and their bodies in Chipmunk."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from envs.batch.records import Fields, Records, make_records, public_bytes, public_view
+from envs.batch.state import Episodes, State, rows
+from envs.batch.workers import Workers
+from envs.physics.rigid_bodies import World
+from planners import Arm
+from planners.typing import Array
+
+
+class Batch:
+    """Records, bodies and tables of environments; nothing outside of a task holds one.
+
+    Args:
+        kernels: module with the kernels of the task.
+        arm: the arm with the payload that it holds.
+        count: number of environments.
+        fields: fields of a record.
+        model: the record that all share.
+        table_shape: shape of an environment's table; ``()`` for none.
+
+    Attributes:
+        records: one per environment, with the addresses of its bodies.
+        actions: their actions, ``(count, k)``.
+        world: their bodies.
+        advance: advances every environment by one control period.
+    """
+
+    def __init__(
+        self, kernels: Any, arm: Arm, count: int, fields: Fields, model: Records, table_shape: tuple[int, ...]
+    ) -> None:
+        self.records = make_records(count, [*fields, ("table", "i8"), ("env_index", "i8")])
+        self.records["env_index"] = np.arange(count)
+        self.actions = self.records["action"]
+        self.model = model
+        self.world = World(arm, self.records)
+        self.table_shape = table_shape
+        self._kernels = kernels
+        self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, : public_bytes(self.records)]
+        self._view = public_view(self.records)
+        self._tables = [b""] * count
+        for env_index in range(count):
+            self._place_table(env_index, bytes(8 * prod(table_shape)))
+        work = partial(kernels.advance_batch, self.records, model)
+        self._workers = Workers(work, count, self.world)
+        self.advance = self._workers.run if self._workers.threads > 1 else partial(work, 0, count)
+
+    @property
+    def view(self) -> Records:
+        """The records, to read, without addresses."""
+        return self._view.view()
+
+    def record(self, env_index: int) -> Any:
+        """The record of an environment; a ValueError if there is none of this index."""
+        if not 0 <= env_index < len(self.records):
+            raise ValueError(f"env_index {env_index} must be 0 to {len(self.records) - 1}")
+        return self.records[env_index]
+
+    def reset(self, env_index: int) -> None:
+        """Begin the episode whose start has been written into an environment's record."""
+        self._kernels.reset_env(self.records, self.model, env_index)
+
+    def refresh(self, env_index: int) -> None:
+        """Let the bodies and the observation follow what was written into a record in the middle of an episode."""
+        if hasattr(self._kernels, "refresh_env"):
+            self._kernels.refresh_env(self.records, self.model, env_index)
+
+    def settle(self) -> None:
+        """Wait for threads that an interrupt has left at work."""
+        self._workers.settle()
+
+    def close(self) -> None:
+        """Stop the threads."""
+        self._workers.close()
+
+    def table(self, env_index: int) -> Array:
+        """The table of an environment, to read."""
+        self.record(env_index)
+        return np.frombuffer(self._tables[env_index]).reshape(self.table_shape)
+
+    def write_table(self, record: Any, table: Array) -> None:
+        """Give the environment of a record another table."""
+        if table.shape != self.table_shape:
+            raise ValueError(f"expected a table of shape {self.table_shape}, found {table.shape}")
+        self._place_table(int(record["env_index"]), table.astype(np.float64, order="C").tobytes())
+
+    def save(self, settings: dict[str, Any], episodes: Episodes | None) -> State:
+        """The state of all environments, which have these settings."""
+        self.settle()
+        physics = self.world.save().tobytes()
+        return State(settings, len(self.records), self._bytes.tobytes(), physics, tuple(self._tables), episodes)
+
+    def load(self, state: State) -> None:
+        """Continue from a state that fits.
+
+        Raises:
+            ValueError: if its parts have other sizes than those of this batch.
+        """
+        count, (_, numbers) = state.count, self.world.shape
+        sizes = count * self._bytes.shape[1], 8 * count * numbers, [8 * prod(self.table_shape)] * count
+        if (len(state.records), len(state.physics), [len(table) for table in state.tables]) != sizes:
+            raise ValueError("the state is damaged, or from another version of planarm: its parts have other sizes")
+        self.settle()
+        self.world.load(np.broadcast_to(np.frombuffer(state.physics).reshape(count, numbers), self.world.shape))
+        self._bytes[...] = np.frombuffer(state.records, np.uint8).reshape(count, -1)
+        for env_index, table in enumerate(rows(state.tables, len(self.records))):
+            if table is not self._tables[env_index]:
+                self._place_table(env_index, table)
+
+    def _place_table(self, env_index: int, table: bytes) -> None:
+        self._tables[env_index] = table
+        self.records["table"][env_index] = np.frombuffer(table or bytes(8)).__array_interface__["data"][0]

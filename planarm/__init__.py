@@ -1,0 +1,39 @@
+"""``import planarm`` registers the environments; ``planarm.envs``, ``planarm.planners`` and ``planarm.agents`` follow.
+
+Those packages have common names: importing this one raises an ImportError where Python finds others than planarm's.
+"""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from planarm.names import check_names
+
+if TYPE_CHECKING:
+    import agents as agents
+    import envs as envs
+    import planners as planners
+
+__all__ = ["agents", "envs", "planners"]
+
+try:
+    check_names()
+except ImportError as error:
+    if Path(sys.argv[0]).stem not in ("planarm", "-m"):
+        raise
+    print(f"planarm: {error}", file=sys.stderr)  # the command: a sentence, no traceback
+    sys.exit(2)
+
+import_module("envs")  # registers the ids
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded when asked for: registering ids must not cost the import of every planner.
+    if name in __all__:
+        return import_module(name)
+    if name == "__version__":
+        from importlib import metadata
+
+        return metadata.version("planarm")
+    raise AttributeError(f"module 'planarm' has no attribute {name!r}")
