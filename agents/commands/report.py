@@ -42,6 +42,8 @@ def run(options: ReportOptions) -> int:
         raise ValueError("no results: give a file that planarm benchmark --json wrote")
     out = options.out or (Path("report.html") if options.figures is None else None)
     check_output(out)
+    if options.figures is not None and options.figures.is_file():
+        raise ValueError(f"cannot write figures to {options.figures}: it is a file; give the name of a folder")
     files = list(zip(_names(options.results), map(Results.read, options.results), strict=True))
     if out is not None:
         write_report(files, out)

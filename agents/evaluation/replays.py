@@ -19,9 +19,9 @@ from envs.task import Task
 from planners.typing import Array
 
 FRAME_RATE = 20.0
-"""Frames a second of a replay, in episodes of so many seconds that this gives as many frames as `FRAMES` allows."""
+"""Frames a second of a replay, where that gives as many frames as `FRAMES` allows."""
 FRAMES = (75, 150)
-"""Least and largest number of frames in an episode as long as the horizon, if it has so many control periods."""
+"""Least and largest number of frames of an episode as long as its horizon, if it has so many control periods."""
 _SHARES = ("torque_ratios", "limit_gauges", "bucket")  # fields of a scene, recorded in percent
 
 
@@ -75,13 +75,17 @@ def record_replay(env: Any, policy: Any, seed: int, options: Info) -> dict[str, 
     lines of text.
     """
     task: Task = env.unwrapped.task
-    units, every = units_of(task.view), _stride(task)
+    units, every = units_of(task.view), 1
     frames: list[dict[str, Any]] = []
 
     def observe(steps: int, ended: bool) -> None:
-        if steps % every == 0 or ended:
-            document = {**scene_document(task.scene(0, ())), "trail": None}
-            frames.append(dict(_leaves(document)))
+        nonlocal every
+        if steps % every and not ended:
+            return
+        scene = task.scene(0, ())
+        if steps == 0:
+            every = _stride(scene.horizon, task.config.control_period)
+        frames.append(dict(_leaves({**scene_document(scene), "trail": None})))
 
     info = play(env, policy, seed, dict(options), observe)
     paths = list(dict.fromkeys(path for frame in frames for path in frame))
@@ -126,11 +130,10 @@ def replay_joints(recorded: Mapping[str, Any], units: Mapping[str, int]) -> Arra
     return joints
 
 
-def _stride(task: Task) -> int:
-    """Control periods from one frame to the next."""
-    wanted = round(1.0 / (FRAME_RATE * task.config.control_period))
-    least, largest = FRAMES
-    return max(1, min(wanted, task.horizon_steps // least), math.ceil(task.horizon_steps / (largest - 1)))
+def _stride(seconds: float, period: float) -> int:
+    """Control periods from one frame to the next in an episode of so many seconds."""
+    wanted, periods, (least, largest) = round(1.0 / (FRAME_RATE * period)), seconds / period, FRAMES
+    return max(1, min(wanted, int(periods / least)), math.ceil(periods / (largest - 1) - 1e-6))
 
 
 def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

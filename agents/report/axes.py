@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-OUTLIER = 2.5
+OUTLIER = 4.0
 """How many times the span of the better half of the rows an axis grows, at most, on either side for the others."""
 
 

@@ -173,14 +173,19 @@ export class Episodes {
     const runs = [];
     task.policies.forEach((policy, place) => {
       const found = own.find((each) => each.policy === policy.name);
-      if (!found) return;
+      const replay = found && decoded(found, task.replays.units);
+      if (!replay) return;
       const good = Boolean(policy.episodes.is_success[episode]);
       const value = valueOf(policy, primary, episode);
       const same = Math.abs((found.return ?? 0) - (policy.episodes.return[episode] ?? 0)) <= 1e-5 * (1 + Math.abs(found.return ?? 0));
       const [name, unit] = split(primary.title);
       const verdict = `${good ? "\u2713" : "\u2717"} ${name} ${numberText(value)}${value === null ? "" : unit}${same ? "" : ` (this replay: return ${numberText(found.return)}, not as scored)`}`;
-      runs.push({ place, name: policy.name, color: policy.color, good, verdict, replay: new Replay(found, task.replays.units) });
+      runs.push({ place, name: policy.name, color: policy.color, good, verdict, replay });
     });
+    if (!runs.length) {
+      stage.append(make("p", { class: "hint" }, "The replays of this seed cannot be read: the file of results is damaged."));
+      return;
+    }
     const chosen = Math.max(0, runs.findIndex((run) => run.place === wanted.policies[0]));
     this.player = new Player(task.replays.view, runs, chosen, this.data.palette);
     stage.append(make("h3", {}, `Seed ${wanted.seed}`), this.player.element);
@@ -192,6 +197,18 @@ export class Episodes {
     this.player = null;
     this.dialog.replaceChildren();
     if (parseAddress(location.hash)) history.pushState(null, "", location.pathname + location.search);
+  }
+}
+
+/** A replay; null if it is damaged, as in a file that somebody has changed. */
+function decoded(recorded, units) {
+  try {
+    const replay = new Replay(recorded, units);
+    replay.at(0).torque_ratios.forEach((each) => each);
+    replay.at(replay.duration).limit_gauges.forEach(([label]) => label);
+    return replay;
+  } catch {
+    return null;
   }
 }
 

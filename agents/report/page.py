@@ -170,7 +170,7 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
             _below(chart.profiles(), _legend(task, colors)),
             "Share of episodes that are a success with the value \u03c4 or a better one; the higher, the better. "
             "Bands: 95 % intervals.",
-            profile_table(task, colors),
+            profile_table(number, task, colors),
             f"{task.task} profile",
         ),
         _card(

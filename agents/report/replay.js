@@ -78,13 +78,13 @@ function numbers(text, count, unit) {
 /** Puts a value where a path such as "joints.2.0" leads; makes lists and objects on the way. */
 function place(root, path, value) {
   const keys = path.split(".");
+  if (keys.includes("__proto__")) throw new Error(`no field ${path}`);
   let parent = root;
   keys.slice(0, -1).forEach((key, i) => {
     if (!Object.hasOwn(parent, key) || parent[key] === null) parent[key] = /^\d+$/.test(keys[i + 1]) ? [] : {};
     parent = parent[key];
   });
   const key = keys[keys.length - 1];
-  if (key === "__proto__" || keys.includes("__proto__")) throw new Error(`no field ${path}`);
   parent[key] = value;
   return { parent, key };
 }

@@ -39,13 +39,20 @@ def scores_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> No
     return _table(heads, rows)
 
 
-def profile_table(task: TaskScores, colors: Mapping[str, int]) -> Node | None:
+def profile_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node | None:
     """The values that shares of the episodes reach: the table behind the profiles."""
     metric, curves = task.primary, profiles(task)
     if metric is None or not curves:
         return None
     heads = ["policy", *(f"{percent_text(share)} %" for share in SHARES)]
-    rows = [[_name(curve.name, colors), *map(_plain, quantiles(curve, SHARES))] for curve in curves]
+    quantity = Quantity(metric.key, metric.title)
+    rows = []
+    for place, curve in enumerate(curves):
+        values = [Estimate(value, math.nan, math.nan) for value in quantiles(curve, SHARES)]
+        link = episodes_link(number, [place], metric.key)
+        known = place < len(task.policies)  # the last one may be the bound's
+        cells = [_number(each, quantity, link, precise=False) if known else _plain(each.value) for each in values]
+        rows.append([_name(curve.name, colors), *cells])
     return _table(heads, rows)
 
 

@@ -152,6 +152,20 @@ def test_an_episode_that_was_not_recorded_says_how_to_see_it(page: Any, scored: 
     page.wait_for_selector("dialog:not([open])", state="attached")
 
 
+def test_a_damaged_replay_is_said_to_be_damaged(browser: Any, scored: dict[str, Any], tmp_path: Path) -> None:
+    damaged = json.loads(json.dumps({**scored, "results": scored["results"][:1]}))
+    seed = damaged["results"][0]["replays"]["seeds"][0]
+    for number, replay in enumerate(damaged["results"][0]["replays"]["episodes"]):
+        bad = [{"numbers": {"time": "1 2"}}, {"fixed": {"__proto__.x": 1}}, {"fixed": {}, "numbers": {}}]
+        replay.update(bad[number % 3])
+    path = tmp_path / "report.html"
+    write_report([("results", Results.of(damaged))], path)
+    for page in opened(browser, path):
+        page.goto(f"{page.url}#/0/0/settling_time/{seed}")
+        page.wait_for_selector("dialog[open]")
+        assert "cannot be read" in (page.locator(".replay").text_content() or "")
+
+
 def test_tables_are_saved_as_csv_and_latex(page: Any, scored: dict[str, Any], tmp_path: Path) -> None:
     texts = {}
     for kind in ("csv", "tex"):
