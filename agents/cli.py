@@ -85,6 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as head, has stopped
         _print_no_more()
         return 1
+    except ImportError as error:
+        return _complain(named, error, 2)
     except OSError as error:
         if error.errno is None or error.filename is not None:
             return _complain(named, error, 1)
