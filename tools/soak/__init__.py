@@ -239,7 +239,3 @@ def _shown(record: Record) -> int:
     """Print a record with its faults; how many there are."""
     print("\n    ".join([str(record), *record.faults]), flush=True)
     return len(record.faults)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
