@@ -106,6 +106,7 @@ class Task(ABC):
             ("truncated", "?"),
             ("success", "?"),
             ("step", "i8"),
+            ("begun", "?"),
         ]
         fields = common + arm_fields(n) + actuation_env_fields(n) + env_fields
         loaded = arm.with_payload(config.payload)
@@ -121,7 +122,7 @@ class Task(ABC):
             }
         )
         self._batch = Batch(self.kernels, loaded, num_envs, fields, model, table_shape)
-        self._in_use = Lock()
+        self._ready, self._in_use = False, Lock()
 
     @property
     def num_envs(self) -> int:
@@ -177,6 +178,8 @@ class Task(ABC):
         for record, env_index, start in zip(records, env_indices, starts, strict=True):
             self.write_start(record, start)
             self._batch.reset(env_index)
+            record["begun"] = True
+        self._ready = bool(self._batch.records["begun"].all())
 
     @abstractmethod
     def draw(self, generators: Sequence[np.random.Generator], options: Any) -> Sequence[Any]:
@@ -237,6 +240,8 @@ class Task(ABC):
         """
         if self._in_use.locked():
             refuse_second("advance", self)
+        if not self._ready:
+            raise gym.error.ResetNeeded("an environment has not begun an episode: call reset_envs() first")
         with self._in_use:
             if actions is not None:
                 self._batch.actions[...] = actions
@@ -260,6 +265,7 @@ class Task(ABC):
         """
         checked_state(state).require_fit(self._common, self.num_envs)
         self._batch.load(state)
+        self._ready = bool(self._batch.records["begun"].all())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), self.config, self.num_envs, self.get_state())

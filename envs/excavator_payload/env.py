@@ -227,7 +227,7 @@ class ExcavatorPayload(Task):
 
     def hand_position(self, env_index: int) -> Array:
         """Position of the tip of the tool, ``(2,)``, m."""
-        tip: Array = self.batch["tip"][env_index].copy()
+        tip: Array = self._batch.record(env_index)["tip"].copy()
         return tip
 
     def picture(self, record: Any) -> dict[str, Any]:
