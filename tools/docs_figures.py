@@ -51,6 +51,7 @@ BLOCKS = {
         "planarm evaluate adaptive --env ExcavatorPayload-v0 --episodes 200 --settings level=2 --against "
         "integral_computed_torque computed_torque adaptive_computed_torque agent",
     ),
+    "planarm plan --list": Block("docs/planners.md", "planarm plan --list", 0),
     "plans of planarm paper-dpct": Block("docs/dpct.md", "planarm paper-dpct", 0),
     "starts of planarm paper-dpct": Block("docs/dpct.md", "planarm paper-dpct", 1),
     "published by planarm paper-lagrange": Block("docs/lagrange.md", "planarm paper-lagrange", 0),
