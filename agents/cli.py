@@ -65,7 +65,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    code = _answer(list(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None and code > 128:  # interrupted: without the second that torch takes to tidy up
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def _answer(given: list[str]) -> int:
+    """Run a command line; its exit code."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed by the shell

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.console import catch_interrupt, note, progress_bar
+from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
 from agents.yaml_config import assigned
@@ -108,4 +108,4 @@ def _run_with_bar(benchmark: Benchmark) -> int:
         benchmark.fill(begin=lambda description: bar.update(task, description=description), progress=advance)
         check()
         return 0
-    return interrupts[0]
+    return (interrupts or [INTERRUPTED])[0]

@@ -232,8 +232,9 @@ LONG = {"total_steps": 100_000_000, "checkpoint_steps": 100_000_000}
         (signal.SIGINT, LONG, "checkpoint.pt"),
         (signal.SIGTERM, {**LONG, "epochs": 10_000, "rollout_steps": 400}, "checkpoint.pt"),
         (signal.SIGINT, {"warm_start": {"expert": "apf", "episodes": 2, "updates": 10**9}}, "warm_start.pt"),
+        (signal.SIGTERM, {"evaluation_episodes": 4000, "baselines": ["lagrange"]}, "tensorboard"),
     ],
-    ids=["in a rollout", "in an update", "in the warm start"],
+    ids=["in a rollout", "in an update", "in the warm start", "while baselines are scored"],
 )
 def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
     number: signal.Signals, changes: dict[str, Any], until: str, tmp_path: Path
@@ -249,7 +250,7 @@ def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
     before = time.perf_counter()
     _, printed = process.communicate()
     assert time.perf_counter() - before < 10.0  # under a second where nothing else runs, and minutes if it waited
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert f"--resume {folder}" in printed
     if until == "checkpoint.pt":
         assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
