@@ -55,8 +55,8 @@ Simulated planar robot arms, with classical planners and trained agents for the 
   planarm COMMAND --help                             options of a command
   planarm --version                                  the version
 
-Exit codes: 0 done; 1 an output could not be written or printed whole; 2 something given is unknown or impossible; \
-130 ended by Ctrl-C, 143 by SIGTERM."""
+Exit codes: 0 done; 1 an output could not be written or printed whole, or there is nothing to show; 2 something given \
+is unknown or impossible; 130 ended by Ctrl-C, 143 by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
