@@ -38,7 +38,7 @@ class Fuzz:
 
 def main() -> int:
     """Run the campaign; 1 if something was found."""
-    options = tyro.cli(Fuzz, description=__doc__)
+    options = tyro.cli(Fuzz, prog="python -m tools.fuzz_files", description=__doc__)
     watch()
     size = MOST_MEMORY_MIB << 20
     resource.setrlimit(resource.RLIMIT_AS, (size, resource.getrlimit(resource.RLIMIT_AS)[1]))

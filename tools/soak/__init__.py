@@ -223,7 +223,7 @@ def _held() -> tuple[int, int]:
 
 def main() -> int:
     """Run the soak; 1 if something was found."""
-    options = tyro.cli(Soak, description=__doc__)
+    options = tyro.cli(Soak, prog="python -m tools.soak", description=__doc__)
     found = 0
     runs = [
         (env_id, mode) for env_id in ([options.env] if options.env else envs.env_ids()) for mode in modes_of(env_id)
