@@ -7,6 +7,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from envs.batch.records import Fields, Records, make_records, public_bytes, public_view
 from envs.batch.state import Episodes, State, rows
@@ -67,6 +68,13 @@ class Batch:
     def reset(self, env_index: int) -> None:
         """Begin the episode whose start has been written into an environment's record."""
         self._kernels.reset_env(self.records, self.model, env_index)
+
+    def advance_others(self, resting: NDArray[np.bool_]) -> None:
+        """Advance the environments that do not rest by one control period."""
+        if self._workers.threads > 1:
+            self._workers.run(resting)
+        else:
+            self._workers.work_without(resting, 0, len(self.records))
 
     def settle(self) -> None:
         """Wait for threads that an interrupt has left at work."""

@@ -141,6 +141,7 @@ class ExcavatorPayload(Task):
         "torque_l1": "integral of the summed absolute commanded torques, N m s",
         "peak_torque": "largest commanded torque of any joint, N m",
     }
+    boolean_outcomes = ("success_easy",)
     gauges = ("velocity",)
     view = (-0.7, 4.3, -1.6, 3.6)
     config: ExcavatorPayloadConfig

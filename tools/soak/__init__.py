@@ -99,8 +99,8 @@ def soak(env_id: str, mode: str, options: Soak) -> Record:
     """Step a batch of an environment in a control mode."""
     record = Record(f"{env_id} {mode}")
     generator = np.random.default_rng([options.seed, len(env_id), len(mode)])
-    batch = gym.make_vec(env_id, num_envs=options.num_envs, control_mode=mode)
-    alone = gym.make_vec(env_id, num_envs=1, control_mode=mode)
+    batch = gym.make_vec(env_id, num_envs=options.num_envs, control_mode=mode, autoreset_mode="SameStep")
+    alone = gym.make_vec(env_id, num_envs=1, control_mode=mode, autoreset_mode="SameStep")
     space: Any = batch.single_observation_space
     shape = batch.single_action_space.shape or ()
     began = time.perf_counter()
