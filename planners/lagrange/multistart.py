@@ -130,10 +130,11 @@ def polished(fit: Fit, objective: Objective) -> Fit:
     return found
 
 
-def reaches(move: JointMove) -> bool:
-    """Whether a motion close to the quintic keeps the limits: quick, and may miss motions that do."""
+def reaches(move: JointMove, start: Curve | None = None) -> bool:
+    """Whether a motion close to a start, by default the quintic, keeps the limits: quick, and may miss some."""
     basis = lagrange_basis(PROBE_DEGREE, move.clamp_acceleration, PROBE_POINTS)
-    return minimise(move, basis, move.quintic(basis.s), Index("PI2", torque_unit(move, "PI2")), PROBE).feasible
+    q = (start or move.quintic)(basis.s)
+    return minimise(move, basis, q, Index("PI2", torque_unit(move, "PI2")), PROBE).feasible
 
 
 def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
