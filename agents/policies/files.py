@@ -97,10 +97,11 @@ def save_agent(agent: Agent, path: Path) -> None:
         replaced = _of_weights(json.loads(beside.read_text(encoding="utf-8")), path.read_bytes())
     except (OSError, ValueError, RecursionError):
         replaced = None
-    if isinstance(replaced, dict):
-        write_json(beside, {**document, _REPLACED: {name: replaced[name] for name in replaced if name != _REPLACED}})
+    kept = {name: replaced[name] for name in replaced if name != _REPLACED} if isinstance(replaced, dict) else None
+    write_json(beside, document if kept is None else {**document, _REPLACED: kept})
     write_bytes(path, content)
-    write_json(beside, document)
+    if kept is not None:
+        write_json(beside, document)
 
 
 def _check_values(agent: Agent) -> None:
