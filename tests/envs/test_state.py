@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 import envs
+from envs.obstacle_dodge import kernels
+from tests.pages import follow
 
 every_env = pytest.mark.parametrize("env_id", envs.env_ids())
 every_kind = pytest.mark.parametrize("num_envs", [0, 3])
@@ -178,8 +181,15 @@ def test_an_expert_is_copied_with_its_task(env_id: str) -> None:
     assert pickle.loads(pickle.dumps(expert)).task.get_state() == expert.task.get_state()
 
 
+def test_the_page_on_states_works(tmp_path: Path) -> None:
+    total = float(follow("state.md", tmp_path).split()[-1])
+    env = made("ConveyorTrack-v0", control_mode="jerk")
+    env.reset(seed=0)
+    assert total > sum(env.step(np.zeros(2))[1] for _ in range(10)) + 0.001
+
+
 def test_another_horizon_compiles_nothing() -> None:
-    kernel = envs.obstacle_dodge.kernels.advance_batch  # type: ignore[attr-defined]
+    kernel = kernels.advance_batch
     moved(made("ObstacleDodge-v0"))
     known = len(kernel.signatures)
     for settings in ({"horizon": 4.0}, {"horizon": 9.0, "control_period": 0.01}, {"tolerance": 0.1}, {"payload": 1}):
