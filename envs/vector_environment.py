@@ -180,8 +180,8 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         """
         self._require_open()
         episodes = episodes_of(state, self.num_envs)
-        if not episodes.begun or (any(episodes.over) and self.autoreset_mode == AutoresetMode.SAME_STEP):
-            raise ValueError("the episode of the state is over or has not begun, so that there is nothing to continue")
+        if not episodes.begun:
+            raise ValueError("the episode of the state has not begun, so that there is nothing to continue")
         self.task.set_state(state)
         if episodes.randoms is not self._randoms:
             blank = self._generators or [np.random.default_rng(0) for _ in episodes.randoms]
