@@ -171,16 +171,13 @@ def test_rllib(mode: str) -> None:
         episodes = algorithm.env_runner.sample(num_episodes=2 * N, random_actions=True)
         algorithm.stop()
     assert result["env_runners"]["episode_len_mean"] == 12
+    task: Any = gym.make(ENV_ID).unwrapped.task  # type: ignore[attr-defined]
     for episode in episodes:
         seen, actions = episode.get_observations(), episode.get_actions()
         assert len(actions) == len(episode) == len(seen) - 1 == 12
         # the last observation is the episode's own: time goes on to the end
-        time = envs_layout().parse(np.array(seen))["time_left"][:, 0]
-        np.testing.assert_allclose(np.diff(time), -0.02, atol=1e-5)
-
-
-def envs_layout() -> Any:
-    return gym.make(ENV_ID).unwrapped.task.layout  # type: ignore[attr-defined]
+        time = task.layout.parse(np.array(seen))["time_left"][:, 0]
+        np.testing.assert_allclose(np.diff(time), -task.config.control_period, atol=1e-5)
 
 
 @pytest.mark.clients
