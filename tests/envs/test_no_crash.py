@@ -30,40 +30,40 @@ INTERRUPTS = """
 env_id, num_envs = sys.argv[1], int(sys.argv[2])
 env = made(env_id, num_envs)
 action = np.zeros(env.action_space.shape, dtype=np.float32)
-armed = False
+left = 0  # interrupts of this round that are still to come
 
 def interrupt(*_):
-    if armed:
+    global left
+    if left > 0:
+        left -= 1
         raise KeyboardInterrupt
 
 signal.signal(signal.SIGALRM, interrupt)
 state, draw, count = moved(env).get_state(), random.Random(0), 0
 env.set_state(state)  # all is compiled
 while count < 200:
+    count += 1
     try:
-        armed = True
-        signal.setitimer(signal.ITIMER_REAL, draw.uniform(1e-4, 3e-3), 2e-4)
-        while True:
-            choice = draw.randrange(20)
-            if choice == 0:
-                env.reset(seed=count)
-            elif choice == 1:
-                env.get_state()
-            elif choice == 2:
-                env.set_state(state)
-            else:
-                try:
-                    env.step(action)
-                except gym.error.ResetNeeded:
-                    env.reset()
-    except KeyboardInterrupt:
-        pass
-    while armed:
         try:
-            armed = False
-            count += 1
+            left = 2
+            signal.setitimer(signal.ITIMER_REAL, draw.uniform(1e-4, 3e-3), 2e-4)
+            while True:
+                choice = draw.randrange(20)
+                if choice == 0:
+                    env.reset(seed=count)
+                elif choice == 1:
+                    env.get_state()
+                elif choice == 2:
+                    env.set_state(state)
+                else:
+                    try:
+                        env.step(action)
+                    except gym.error.ResetNeeded:
+                        env.reset()
         except KeyboardInterrupt:
-            pass
+            left = 0
+    except KeyboardInterrupt:  # the second one, on the way out of the first
+        pass
 signal.setitimer(signal.ITIMER_REAL, 0)
 twin = made(env_id, num_envs)
 assert moved(env).get_state() == moved(twin).get_state()
