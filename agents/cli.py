@@ -57,8 +57,8 @@ Simulated planar robot arms, with classical planners and trained agents for the 
   planarm COMMAND --help                             options of a command
   planarm --version                                  the version
 
-Exit codes: 0 done; 1 an output could not be written or printed whole; 2 something given is unknown or impossible; \
-130 ended by Ctrl-C, 143 by SIGTERM."""
+Exit codes: 0 done; 1 an output could not be written or printed whole, or there is nothing to show; 2 something given \
+is unknown or impossible; 130 ended by Ctrl-C, 143 by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,7 +67,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    code = _answer(list(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None and code > 128:  # interrupted: without the second that torch takes to tidy up
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def _answer(given: list[str]) -> int:
+    """Run a command line; its exit code."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed by the shell
@@ -87,6 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output, such as head, has stopped
         _print_no_more()
         return 1
+    except ImportError as error:
+        return _complain(named, error, 2)
     except OSError as error:
         if error.errno is None or error.filename is not None:
             return _complain(named, error, 1)

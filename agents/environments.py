@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.vector import AutoresetMode
 
 from envs.card import TaskCard, env_ids, load, task_card
 from envs.settings import refuse_unknown
@@ -69,9 +70,13 @@ def check_seed(seed: int) -> int:
 
 
 def make_batch(env_id: str, num_envs: int, settings: Mapping[str, Any]) -> VectorEnv:
-    """A vector environment; a ValueError for settings that its task does not have."""
+    """A vector environment that resets in the step that ends an episode; a ValueError for unknown settings.
+
+    An environment that is no task of planarm's kind resets as it does by itself.
+    """
     check_names(env_id, settings, {})
-    return gym.make_vec(env_id, num_envs=num_envs, **settings)
+    mode: dict[str, Any] = {} if task_type(env_id) is None else {"autoreset_mode": AutoresetMode.SAME_STEP}
+    return gym.make_vec(env_id, num_envs=num_envs, **mode, **settings)
 
 
 def make_one(env_id: str, settings: Mapping[str, Any], render_mode: str | None = None) -> gym.Env[Any, Any]:
@@ -120,7 +125,7 @@ def portable(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def task_type(env_id: str) -> Any:
     """The `envs.task.Task` class of an environment; None if it is no task of planarm's kind."""
-    spec = gym.registry.get(env_id)
+    spec = gym.registry.get(env_id.rpartition(":")[2])
     kind = None if spec is None else spec.kwargs.get("task_type")
     return load(kind) if isinstance(kind, str) else kind
 

@@ -9,13 +9,16 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numba import njit
+from numpy.typing import NDArray
 
+from planners.checks import refuse_unknown
 from planners.typing import Array
 
 
-def checked_actions(given: Any, shape: tuple[int, ...]) -> Array:
-    """Actions as float64 of a shape, ``(n,)`` or ``(num_envs, n)``.
+def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool_] | None = None) -> Array:
+    """Actions as float64 of a shape, ``(n,)`` or ``(num_envs, n)``; 0 for environments in ``resting``, which hold none.
 
     Raises:
         ValueError: for anything but finite numbers of that shape, with what is expected and what was found.
@@ -34,6 +37,8 @@ def checked_actions(given: Any, shape: tuple[int, ...]) -> Array:
             + ("give one row of numbers per environment" if len(shape) == 2 else f"give {shape[0]} numbers")
         )
     numbers: Array = np.ascontiguousarray(actions, dtype=np.float64)
+    if resting is not None:
+        numbers = np.where(resting[:, None], 0.0, numbers)
     if not _all_finite(numbers.reshape(-1)):
         bad = int(np.flatnonzero(~np.isfinite(numbers).all(axis=-1))[0]) if len(shape) == 2 else 0
         row = numbers[bad] if len(shape) == 2 else numbers
@@ -53,6 +58,32 @@ def checked_count(name: str, value: Any, hint: str = "") -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} {value!r} must be a whole number of at least 1{hint}")
     return int(value)
+
+
+def checked_mode(mode: Any) -> AutoresetMode:
+    """An autoreset mode, from itself, its value or its name.
+
+    Raises:
+        ValueError: for anything else, with what there is.
+    """
+    if isinstance(mode, AutoresetMode):
+        return mode
+    known = {text: one for name, one in AutoresetMode.__members__.items() for text in (one.value, name)}
+    if not isinstance(mode, str):
+        raise ValueError(f"autoreset_mode {mode!r} must be one of {', '.join(known)}")
+    refuse_unknown([mode], known, "autoreset_mode")
+    return known[mode]
+
+
+def checked_time_limit(steps: Any) -> int | None:
+    """A limit on the steps of an episode; None without one, which is also -1, as in `gymnasium.make`.
+
+    Raises:
+        ValueError: for anything else but a whole number of at least 1.
+    """
+    if steps is None or (isinstance(steps, (int, np.integer)) and steps == -1):
+        return None
+    return checked_count("max_episode_steps", steps, "; -1, or leaving it out, truncates at the horizon only")
 
 
 def checked_options(options: Any) -> dict[str, Any]:

@@ -18,14 +18,14 @@ from envs.batch.state import Episodes, State, episodes_of, set_generator, state_
 from envs.batch.workers import exclusive, refuse_second
 from envs.card import load
 from envs.checks import checked_actions, checked_options, time_limit_of, untouched_when_refused
+from envs.infos import Info, TaskInfos
 from envs.observation import Observation
-from envs.settings import refuse_unknown
+from envs.physics.actuation import LIMIT_KINDS
+from envs.settings import UnknownName, refuse_unknown
 from envs.task import Task
 from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
 from planners.typing import Array
-
-Info = dict[str, Any]
 
 _DECLARED = """{text}
 
@@ -35,13 +35,15 @@ Each element is a physical value divided by a fixed scale, clipped at the bound.
 {layout}
 
 ## Info
-| Key | When | Meaning |
+Every key is there at the reset and at every step. Until it is known, a number is NaN and a bool is False.
+
+| Key | Known | Meaning |
 |---|---|---|
 | `is_success` | always | whether the task is solved |
-| `reward_terms` | always | the terms of the reward |
+{rewards}
 {outcomes}
 | `limit_ratio` | at the end | worst value / limit of all kinds |
-| `limit_ratios` | at the end | worst value / limit of each kind |
+| `limit_ratios` | at the end | worst value / limit of each kind: {kinds}; an array |
 
 The end is also where Gymnasium's `TimeLimit` (`max_episode_steps`) cuts an episode.
 
@@ -68,11 +70,14 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
 
     def __init_subclass__(cls) -> None:
         task: Any = cls.task_type
+        rewards = [f"| `reward_{name}` | after a step | this term of its reward |" for name in task.reward_terms]
         outcomes = [f"| `{key}` | at the end | {meaning} |" for key, meaning in task.outcomes.items()]
         cls.__doc__ = _DECLARED.format(
             text=cleandoc(cls.__doc__ or ""),
             layout=task.layout.table(),
+            rewards="\n".join(rewards),
             outcomes="\n".join(outcomes),
+            kinds=", ".join(LIMIT_KINDS),
             settings=task.config_type.table(),
         )
 
@@ -87,6 +92,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self.action_space = self.task.action_space()
         self._action_shape = (self.task.batch["action"].shape[1],)
         self._needs_reset, self._begun, self._cut_after = True, False, 0
+        self._infos = TaskInfos(self.task)
         self._camera = TaskCamera(self.task, 0, window=render_mode == "human")
         # Views of the one record, made once to keep a step fast.
         self._env = self.task.batch[0]
@@ -113,7 +119,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera.begin()
         if self.render_mode == "human":
             self._camera.frame()
-        return self._observation.copy(), self.task.step_info(0)
+        return self._observation.copy(), self._infos.at_reset()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one control period."""
@@ -126,10 +132,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             self.task.advance(checked_actions(action, self._action_shape))
             env = self._env
             terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
-            info = self.task.step_info(0)
             self._needs_reset = terminated or truncated
-            if self._needs_reset or env["step"] == self._cut_after:
-                info.update(self.task.episode_info(0))
+            info = self._infos.at_step(0, ended=self._needs_reset or bool(env["step"] == self._cut_after))
             if self.render_mode is not None:
                 self._camera.follow()
                 if self.render_mode == "human":
@@ -224,8 +228,17 @@ def _no_time_limit() -> None:
 
 
 def make_task(task_type: type[Any] | str, config: Info, num_envs: int, render_mode: str | None, metadata: Info) -> Task:
-    """The task of an environment, whose render mode has to be one of those in its metadata."""
+    """The task of an environment, whose render mode has to be one of those in its metadata.
+
+    The message about an unknown setting has Python's own words for it too: clients that probe what an environment takes
+    look for them.
+    """
     refuse_unknown([render_mode] if render_mode else [], metadata["render_modes"], "render mode")
     kind: Any = load(task_type) if isinstance(task_type, str) else task_type
+    for name in config:
+        try:
+            refuse_unknown([name], kind.config_type.model_fields, f"{kind.env_id} setting")
+        except UnknownName as error:
+            raise UnknownName(f"{error}: unexpected keyword argument '{name}'") from None
     task: Task = kind.make(config, num_envs)
     return task

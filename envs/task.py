@@ -57,6 +57,7 @@ class Task(ABC):
         layout: entries of an observation.
         reward_terms: names of the terms whose sum is the reward.
         outcomes: meaning of each key that `outcome` gives, with its unit.
+        boolean_outcomes: those of the keys whose values are bools; the others' are numbers.
         gauges: kinds of limit that a frame shows.
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
         default_arm: the robot, unless the settings name another.
@@ -79,6 +80,7 @@ class Task(ABC):
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
     outcomes: ClassVar[Mapping[str, str]] = {}
+    boolean_outcomes: ClassVar[tuple[str, ...]] = ()
     gauges: ClassVar[tuple[str, ...]]
     view: tuple[float, float, float, float]
 
@@ -106,6 +108,7 @@ class Task(ABC):
             ("truncated", "?"),
             ("success", "?"),
             ("step", "i8"),
+            ("begun", "?"),
         ]
         fields = common + arm_fields(n) + actuation_env_fields(n) + env_fields
         loaded = arm.with_payload(config.payload)
@@ -121,7 +124,7 @@ class Task(ABC):
             }
         )
         self._batch = Batch(self.kernels, loaded, num_envs, fields, model, table_shape)
-        self._in_use = Lock()
+        self._ready, self._in_use = False, Lock()
 
     @property
     def num_envs(self) -> int:
@@ -176,6 +179,8 @@ class Task(ABC):
         self._batch.settle()
         for record, start in zip(records, starts, strict=True):
             self.begin(record, start)
+            record["begun"] = True
+        self._ready = bool(self._batch.records["begun"].all())
 
     def begin(self, record: Any, start: Any) -> None:
         """Begin the episode of a start in the environment of a record."""
@@ -210,7 +215,7 @@ class Task(ABC):
 
     @abstractmethod
     def outcome(self, record: Any) -> dict[str, Any]:
-        """Info at the end of the episode of an environment's record, besides the limits.
+        """Results of the episode of an environment's record, under the keys of `outcomes`.
 
         What has a meaning for whole episodes only is NaN for one that was cut short.
         """
@@ -230,7 +235,7 @@ class Task(ABC):
     def scene(self, env_index: int, trail: Sequence[Any]) -> Scene:
         """What a frame of an environment shows, with the past hand positions ``trail``."""
         record = self._batch.record(env_index)
-        ratios = self.limit_info(env_index)["limit_ratios"]
+        ratios = dict(zip(LIMIT_KINDS, record["limit_ratios"].tolist(), strict=True))
         common: dict[str, Any] = {
             "joints": self.arm.joint_positions(record["q"]),
             "torque_ratios": record["tau"] / np.array(self.arm.limits.torque),
@@ -243,18 +248,24 @@ class Task(ABC):
         }
         return Scene(**(common | self.picture(record)))
 
-    def advance(self, actions: Array | None = None) -> None:
+    def advance(self, actions: Array | None = None, resting: NDArray[np.bool_] | None = None) -> None:
         """Advance every environment by one control period, on several threads if there are many.
 
         Args:
             actions: finite numbers, ``(num_envs, k)``; None for those of the last period.
+            resting: environments that stay as they are, ``(num_envs,)``; none if left out.
         """
         if self._in_use.locked():
             refuse_second("advance", self)
+        if not self._ready:
+            raise gym.error.ResetNeeded("an environment has not begun an episode: call reset_envs() first")
         with self._in_use:
             if actions is not None:
                 self._batch.actions[...] = actions
-            self._batch.advance()
+            if resting is None:
+                self._batch.advance()
+            else:
+                self._batch.advance_others(resting)
 
     @exclusive
     def get_state(self, episodes: Episodes | None = None) -> State:
@@ -274,6 +285,7 @@ class Task(ABC):
         """
         checked_state(state).require_fit(self._common, self.num_envs)
         self._batch.load(state)
+        self._ready = bool(self._batch.records["begun"].all())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), self.config, self.num_envs, self.get_state())
@@ -281,21 +293,6 @@ class Task(ABC):
     def close(self) -> None:
         """Stop the threads; may be called twice."""
         self._batch.close()
-
-    def step_info(self, env_index: int) -> dict[str, Any]:
-        """Info after every step: whether the task is solved, and the terms of the reward."""
-        record = self._batch.records[env_index]
-        terms = dict(zip(self.reward_terms, record["reward_terms"].tolist(), strict=True))
-        return {"is_success": bool(record["success"]), "reward_terms": terms}
-
-    def episode_info(self, env_index: int) -> dict[str, Any]:
-        """Info at the end of an episode: the task's own outcome, and the limits."""
-        return {**self.outcome(self._batch.record(env_index)), **self.limit_info(env_index)}
-
-    def limit_info(self, env_index: int) -> dict[str, Any]:
-        """Worst limit ratio of an environment's episode, and the worst of each kind."""
-        ratios = dict(zip(LIMIT_KINDS, self._batch.record(env_index)["limit_ratios"].tolist(), strict=True))
-        return {"limit_ratio": max(ratios.values()), "limit_ratios": ratios}
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:

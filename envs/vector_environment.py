@@ -16,8 +16,16 @@ from numpy.typing import NDArray
 
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
 from envs.batch.workers import exclusive
-from envs.checks import checked_actions, checked_count, checked_options, untouched_when_refused
-from envs.environment import Info, make_task
+from envs.checks import (
+    checked_actions,
+    checked_count,
+    checked_mode,
+    checked_options,
+    checked_time_limit,
+    untouched_when_refused,
+)
+from envs.environment import make_task
+from envs.infos import Info, TaskInfos
 from envs.observation import Observation
 from envs.task import Task
 from envs.task_camera import Frame, TaskCamera
@@ -28,13 +36,20 @@ from planners.typing import Array
 class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], Any], EzPickle):
     """A batch as a Gymnasium vector environment; environment i equals the single one with seed + i.
 
-    An environment whose episode ends begins the next one in the same step: the returned observation is the first of the
-    new episode; the last one and its info are in ``infos["final_obs"]`` and ``infos["final_info"]``.
+    What it returns equals `gymnasium.vector.SyncVectorEnv` of the single environments, in every autoreset mode:
+
+    * ``NEXT_STEP``: the step after the one that ends an episode begins the next one. It ignores that environment's
+      action, and its reward is 0.
+    * ``SAME_STEP``: the step that ends an episode begins the next one. Its observation and infos are the new episode's;
+      the last ones are in ``infos["final_obs"]`` and ``infos["final_info"]``.
+    * ``DISABLED``: ``reset`` with ``options={"reset_mask": ...}`` begins the next one; ``step`` waits for it.
 
     Args:
         num_envs: number of environments.
         render_mode: ``"rgb_array"`` or None.
-        max_episode_steps: truncate every episode after so many steps, if that is before the task's horizon.
+        max_episode_steps: truncate every episode after so many steps, if that is before the task's horizon; -1 for the
+            horizon only.
+        autoreset_mode: a `gymnasium.vector.AutoresetMode`, or its value or name.
         task_type: the `Task` class, or ``"module:Name"`` of it.
         config: fields of the task's configuration.
     """
@@ -42,7 +57,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": ["rgb_array"],
         "render_fps": 50,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
     def __init__(
@@ -50,24 +65,29 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         num_envs: int = 1,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         *,
         task_type: type[Any] | str,
         **config: Any,
     ) -> None:
-        EzPickle.__init__(self, num_envs, render_mode, max_episode_steps, task_type=task_type, **config)
+        given = num_envs, render_mode, max_episode_steps, autoreset_mode
+        EzPickle.__init__(self, *given, task_type=task_type, **config)
         num_envs = checked_count("num_envs", num_envs)
-        if max_episode_steps is not None:
-            hint = "; leave it out to truncate at the horizon only"
-            max_episode_steps = checked_count("max_episode_steps", max_episode_steps, hint)
+        self._max_episode_steps = checked_time_limit(max_episode_steps)
+        self.autoreset_mode = checked_mode(autoreset_mode)
         self.task: Task = make_task(task_type, config, num_envs, render_mode, self.metadata)
-        self.metadata = {**self.metadata, "render_fps": self.task.frame_rate}  # type: ignore[misc]
+        self.metadata = {  # type: ignore[misc]
+            **self.metadata,
+            "render_fps": self.task.frame_rate,
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.single_observation_space = self.task.layout.space()
         self.single_action_space = self.task.action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._max_episode_steps = max_episode_steps
+        self._infos = TaskInfos(self.task)
         self._generators: list[np.random.Generator] = []
         self._randoms: tuple[Any, ...] | None = None  # their states, where they have been looked at since the last draw
         self._cameras = [TaskCamera(self.task, env_index) for env_index in range(num_envs)] if render_mode else []
@@ -92,7 +112,8 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         with untouched_when_refused(generators):
             self._begin(chosen, options, generators)
         self._generators, self._running = generators, True
-        return self._observations(), self._step_infos()
+        present = None if mask is None else self._of(chosen)
+        return self._observations(), self._infos.of_batch(present=present, begun=self._of(chosen))
 
     @exclusive
     def step(
@@ -103,17 +124,31 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             self._require_open()
             raise gym.error.ResetNeeded("no episode has begun: call reset() first")
         batch = self.task.batch
-        self.task.advance(checked_actions(actions, batch["action"].shape))
-        for camera in self._cameras:
-            camera.follow()
-        terminated, truncated = batch["terminated"].copy(), batch["truncated"].copy()
-        if self._max_episode_steps is not None:
-            truncated |= batch["step"] >= self._max_episode_steps
-        rewards, infos = batch["reward"].copy(), self._step_infos()
-        ended = terminated | truncated
-        if ended.any():
-            infos.update(self._final(ended))
-            self._begin(np.flatnonzero(ended).tolist(), {}, self._generators)
+        terminated, truncated = self._ends()
+        over = terminated | truncated
+        resting = over if over.any() else None
+        if resting is not None and self.autoreset_mode == AutoresetMode.DISABLED:
+            raise gym.error.ResetNeeded(
+                f"the episodes of environments {np.flatnonzero(over).tolist()} are over: call "
+                'reset(options={"reset_mask": terminated | truncated}) first'
+            )
+        numbers = checked_actions(actions, batch["action"].shape, resting)
+        if resting is not None:
+            self._begin_next(resting)
+        self.task.advance(numbers, resting)
+        for env_index, camera in enumerate(self._cameras):
+            if not over[env_index]:
+                camera.follow()
+        terminated, truncated = self._ends()
+        rewards, ended = batch["reward"].copy(), terminated | truncated
+        if not ended.any():
+            infos = self._infos.of_batch(begun=resting)
+        elif self.autoreset_mode != AutoresetMode.SAME_STEP:
+            infos = self._infos.of_batch(begun=resting, ended=ended)
+        else:
+            final = self._final(ended)
+            self._begin_next(ended)
+            infos = self._infos.of_batch(begun=ended) | final
         return self._observations(), rewards, terminated, truncated, infos
 
     @exclusive
@@ -130,7 +165,8 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         if self._randoms is None:
             self._randoms = tuple(state_of_generator(one) for one in self._generators)
         trails = tuple(camera.trail for camera in self._cameras) or ((),) * self.num_envs
-        over = (False,) * self.num_envs
+        terminated, truncated = self._ends()
+        over = tuple((terminated | truncated).tolist())
         return self.task.get_state(Episodes(self._running, over, self._randoms, None, trails))
 
     @exclusive
@@ -144,8 +180,8 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         """
         self._require_open()
         episodes = episodes_of(state, self.num_envs)
-        if not episodes.begun or any(episodes.over):
-            raise ValueError("the episode of the state is over or has not begun, so that there is nothing to continue")
+        if not episodes.begun:
+            raise ValueError("the episode of the state has not begun, so that there is nothing to continue")
         self.task.set_state(state)
         if episodes.randoms is not self._randoms:
             blank = self._generators or [np.random.default_rng(0) for _ in episodes.randoms]
@@ -223,25 +259,36 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
             raise ValueError(f"reset_mask must be a bool array of shape ({self.num_envs},)")
         if not self._running and not array.all():
             raise ValueError("the first reset must reset every environment: leave out reset_mask")
+        if not array.any():
+            raise ValueError("reset_mask chooses no environment: set at least one element to True")
         return array
 
     def _observations(self) -> Observation:
         return self.task.batch["observation"].copy()
 
-    def _step_infos(self) -> Info:
-        columns = self.task.batch["reward_terms"].T
-        terms = {name: column.copy() for name, column in zip(self.task.reward_terms, columns, strict=True)}
-        return self._present({"is_success": self.task.batch["success"].copy(), "reward_terms": self._present(terms)})
+    def _begin_next(self, over: NDArray[np.bool_]) -> None:
+        """Begin the next episode of the environments whose last one is over."""
+        chosen = np.flatnonzero(over).tolist()
+        with untouched_when_refused([self._generators[env_index] for env_index in chosen]):
+            self._begin(chosen, {}, self._generators)
 
-    def _present(self, values: Info) -> Info:
-        """Values with Gymnasium's masks, which say that every environment has them."""
-        return values | {f"_{name}": np.ones(self.num_envs, dtype=np.bool_) for name in values}
+    def _ends(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which episodes have ended by what happened, and which by the time."""
+        terminated, truncated = self.task.batch["terminated"].copy(), self.task.batch["truncated"].copy()
+        if self._max_episode_steps is not None:
+            truncated |= self.task.batch["step"] >= self._max_episode_steps
+        return terminated, truncated
 
     def _final(self, ended: NDArray[np.bool_]) -> Info:
         """Last observations and infos of the environments that ended, in Gymnasium's vector form."""
-        final: Info = {}
+        observations = np.full(self.num_envs, None, dtype=object)
         for env_index in np.flatnonzero(ended).tolist():
-            info = {**self.task.step_info(env_index), **self.task.episode_info(env_index)}
-            final = self._add_info(final, info, env_index)
-        observations = np.where(ended[:, None], self._observations(), np.float32(0.0))
+            observations[env_index] = self.task.batch["observation"][env_index].copy()
+        final = self._infos.of_batch(present=ended, ended=ended)
         return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
+
+    def _of(self, chosen: list[int]) -> NDArray[np.bool_]:
+        """A mask of the chosen environments."""
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[chosen] = True
+        return mask

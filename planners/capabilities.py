@@ -16,6 +16,7 @@ import numpy as np
 
 from planners.checks import require_choice
 from planners.interrupts import plain_interrupts
+from planners.options import checked_options
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
@@ -42,6 +43,7 @@ class Takes:
         needs: kinds of limit that must be finite.
         precision: largest distance from the target at the end, m or rad; more where the option ``tolerance`` says so.
             Ten times as much a second still counts as rest.
+        accelerating: whether a moving target may accelerate.
         arrives: ``"early"`` as soon as it can, or ``"on time"`` at the horizon exactly.
     """
 
@@ -50,6 +52,7 @@ class Takes:
     keeps: tuple[str, ...] = LIMIT_KINDS
     needs: tuple[str, ...] = ()
     precision: float = 1e-6
+    accelerating: bool = True
     arrives: Literal["early", "on time"] = "early"
 
     def objection(self, problem: MotionProblem) -> str | None:
@@ -57,6 +60,8 @@ class Takes:
         n, limits = problem.arm.n_joints, problem.joint_limits
         if n not in self.links:
             return f"takes {_listed(self.links)} links, and {problem.arm.name} has {n}"
+        if isinstance(problem.target, MovingHand) and problem.target.acceleration.any() and not self.accelerating:
+            return "follows a target of constant velocity only"
         for kind in LIMIT_KINDS:
             finite = np.isfinite(limits.array(kind))
             if kind in self.needs and not finite.all():
@@ -123,7 +128,7 @@ def variant(
                 raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
             _require_taken(declared, problem)
             with plain_interrupts():
-                trajectory = function(*args, **kwargs)
+                trajectory = function(*args, **checked_options(function, kwargs))
             if promises and kwargs.get("checked", True):
                 require_within_limits(str(declared), trajectory)
                 if kwargs.get("contact") != "delay":
@@ -192,7 +197,8 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
         options: of the variant.
 
     Raises:
-        Infeasible: if no motion solves the problem, with the reason (that of the first planner tried).
+        Infeasible: if no motion solves the problem, with the reason of the first planner tried, and what the others
+            answered.
         ValueError: if a name or an option is unknown, or nothing takes the problem.
     """
     if planner is not None:
@@ -216,7 +222,11 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
             return entry.plan(problem)
         except Infeasible as failure:
             failures.append(failure)
-    raise failures[0]
+    first, *others = failures
+    if not others:
+        raise first
+    answers = ", ".join(f"{entry}: {failure.reason}" for entry, failure in zip(able[1:], others, strict=True))
+    raise Infeasible(first.reason, f"{able[0]}: {first.message}; also tried {answers}", **first.details)
 
 
 def plan_variant(planner: str, name: str, problem: MotionProblem, options: Mapping[str, Any]) -> Trajectory:

@@ -5,19 +5,42 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 Sign = Literal["", "positive", "not negative"]
 _LEAST: dict[Sign, float] = {"": -math.inf, "positive": math.ulp(0.0), "not negative": 0.0}
 
 
+def is_number(value: Any) -> bool:
+    """Whether a value is a single number, of Python or of NumPy."""
+    if isinstance(value, bool | np.bool_):
+        return False
+    if isinstance(value, int) and value.bit_length() > 1023:  # beyond what a float holds
+        return False
+    return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
+
+
+def float_array(name: str, given: Any) -> NDArray[np.float64]:
+    """A new array of floats, of a number or of numbers in any nesting; ValueError for text, truth values and others."""
+    try:
+        array = np.array(given)
+        fine = array.dtype.kind in "iuf" or (array.dtype.kind == "O" and all(map(is_number, array.flat)))
+        if fine and not np.ma.is_masked(given):
+            return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"{name} {given!r:.80} must be numbers, as in (0.4, 0.3)")
+
+
 def require_finite(name: str, value: float, unit: str = "", sign: Sign = "") -> None:
     """Raise ValueError if a number is not finite or does not have the sign."""
-    try:
-        fine = math.isfinite(value) and value >= _LEAST[sign]
-    except (TypeError, OverflowError):
-        raise ValueError(f"{name} {value!r:.80} must be a finite number") from None
-    if not fine:
+    if not is_number(value):
+        raise ValueError(f"{name} {value!r:.80} must be a finite number")
+    if not (math.isfinite(value) and value >= _LEAST[sign]):
         given, wanted = f"{value} {unit}".rstrip(), f"finite and {sign}" if sign else "finite"
         raise ValueError(f"{name} {given} must be {wanted}")
 
@@ -30,8 +53,9 @@ def require_vector(name: str, values: tuple[float, ...], length: int) -> None:
 
 def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError if an option is none of those allowed."""
-    if value not in allowed:
-        raise ValueError(f"{name} {value!r} must be one of {', '.join(map(repr, allowed))}")
+    choices = list(allowed)
+    if not any(isinstance(value, type(choice)) and value == choice for choice in choices):
+        raise ValueError(f"{name} {value!r:.80} must be one of {', '.join(map(repr, choices))}")
 
 
 def brief(value: object, longest: int = 120) -> str:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import require_finite
+from planners.checks import float_array, require_finite
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
@@ -60,6 +60,9 @@ class FixedHand:
 
     def __post_init__(self) -> None:
         _freeze(self, position=2)
+        if self.orientation is not None:
+            require_finite("orientation", self.orientation, "rad")
+            object.__setattr__(self, "orientation", float(self.orientation))
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class Obstacle:
     def __post_init__(self) -> None:
         _freeze(self, position=2, velocity=2)
         require_finite("obstacle radius", self.radius, "m", "not negative")
+        object.__setattr__(self, "radius", float(self.radius))
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,8 @@ class MotionProblem:
         _freeze(self, q=n, qd=n, qdd=n)
         require_finite("horizon", self.horizon, "s", "positive")
         require_finite("payload mass", self.payload, "kg", "not negative")
+        object.__setattr__(self, "horizon", float(self.horizon))
+        object.__setattr__(self, "payload", float(self.payload))
         object.__setattr__(self, "limits", self.joint_limits.for_joints(n))
         if isinstance(self.target, FixedJoints) and len(self.target.q) != n:
             raise ValueError(f"target has {len(self.target.q)} joint angles, the arm {n} joints")
@@ -174,10 +180,7 @@ def _require_kinds(problem: MotionProblem) -> None:
 def _freeze(instance: object, **lengths: int | None) -> None:
     """Turn the named fields into read-only float arrays of the given lengths (None: any)."""
     for name, length in lengths.items():
-        try:
-            array = np.array(getattr(instance, name), dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"{name} {getattr(instance, name)!r:.80} must be numbers") from None
+        array = float_array(name, getattr(instance, name))
         if array.ndim != 1 or (length is not None and len(array) != length):
             wanted = "one dimension" if length is None else f"shape ({length},)"
             raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")

@@ -23,6 +23,7 @@ from agents.policies.play import play
 from agents.tables import Table
 from agents.yaml_config import assigned
 from envs.experts import expert_names
+from envs.physics.actuation import LIMIT_KINDS
 
 Info = dict[str, Any]
 
@@ -132,6 +133,8 @@ def require_display() -> None:
 def info_rows(info: Info, indent: str = "") -> Iterator[tuple[str, str]]:
     """An episode's info, nested entries indented, as rows of a table."""
     for key, value in info.items():
+        if key == "limit_ratios":
+            value = dict(zip(LIMIT_KINDS, map(float, value), strict=True))
         if isinstance(value, dict):
             yield f"{indent}{key}", ""
             yield from info_rows(value, f"{indent}  ")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from agents.console import catch_interrupt, note, progress_bar
+from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_config
 
@@ -117,7 +117,7 @@ def _train_with_bar(training: TrainingRun) -> int:
         )
         if training.train(watcher):
             return 0
-    return interrupts[0]
+    return (interrupts or [INTERRUPTED])[0]
 
 
 def _scores(row: Row) -> str:

@@ -16,6 +16,7 @@ from agents.environments import VectorEnv, check_names, check_seed, import_env, 
 from agents.evaluation.results import Evaluation, Timing
 from agents.policies.lookup import AnyPolicy, name_policy
 from agents.policies.policy import Actor, CountsPlans, EstimatesPayload, Policy, is_maker
+from envs.physics.actuation import LIMIT_KINDS
 from planners.typing import Array
 
 Info = Mapping[str, Any]
@@ -143,10 +144,13 @@ def _collect(metrics: dict[str, NDArray[Any]], final: Info, ended: NDArray[np.bo
     Reward terms are left out: they are of the last step, not of the episode.
     """
     for key, values in final.items():
-        if key.startswith("_") or key == "reward_terms":
+        if key.startswith(("_", "reward_")):
             continue
         if isinstance(values, dict):
             _collect(metrics, values, ended, f"{prefix}{key}/")
+        elif key == "limit_ratios":
+            present = dict.fromkeys((f"_{kind}" for kind in LIMIT_KINDS), final["_limit_ratios"])
+            _collect(metrics, {**dict(zip(LIMIT_KINDS, values.T, strict=True)), **present}, ended, "limit_ratios/")
         elif np.issubdtype(values.dtype, np.number) or values.dtype == bool:
             missing = np.nan if np.issubdtype(values.dtype, np.floating) else 0
             given = ended & final[f"_{key}"]

@@ -51,8 +51,8 @@ class Evaluation:
         seeds: one an episode, ``(episodes,)``.
         returns: sum of rewards, ``(episodes,)``.
         lengths: control steps, ``(episodes,)``.
-        metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; numbers in a nested
-            dict have both keys, as in ``limit_ratios/velocity``. Also ``mass_estimate`` of a policy that
+        metrics: each number that `info` holds at the end of an episode, ``(episodes,)`` by its key; those of
+            ``limit_ratios`` by their kind, as in ``limit_ratios/velocity``. Also ``mass_estimate`` of a policy that
             `EstimatesPayload`, kg.
         timing: where the time went.
     """

@@ -26,7 +26,7 @@ ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that define what an action means and do not change the task."""
 FORMAT, SQUASHED_FORMAT = 1, 2
 """Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3)."""
-_MOST_LAYERS, _MOST_LOG_STD = 64, 80.0
+_MOST_LAYERS = 64
 _LOG_STD_RANGE = np.float32(-20.0), np.float32(2.0)  # of SAC's noise, as Stable-Baselines3 limits it
 
 
@@ -195,8 +195,6 @@ def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
         if tensor.ndim != expected or tensor.dtype.kind not in kinds:
             wanted = f"{expected} dimensions of {'integers' if kinds == 'iu' else 'floats'}"
             raise ValueError(f"{name} of an agent has shape {tensor.shape} of {tensor.dtype}; expected {wanted}")
-        if not np.isfinite(tensor).all():
-            raise ValueError(f"{name} of an agent holds values that are not finite")
     index, last = tensors["fine.index"], tensors[f"layer{layers - 1}.bias"].size
     observed = tensors["layer0.weight"].shape[1] - index.size
     if tensors["fine.gain"].size != index.size or not ((index >= 0) & (index < observed)).all():
@@ -208,8 +206,6 @@ def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
         following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else last
         if weight.shape[0] != bias.size or weight.shape[0] != following:
             raise ValueError(f"layer {layer} of an agent has {weight.shape[0]} outputs; the next takes {following}")
-    if "log_std" in tensors and (np.abs(tensors["log_std"]) > _MOST_LOG_STD).any():
-        raise ValueError(f"log_std of an agent must lie within {_MOST_LOG_STD} of 0")
     for name in noise:
         expected_shape = (last, tensors[f"layer{layers - 1}.weight"].shape[1])[: dimensions[name]]
         if tensors[name].shape != expected_shape:

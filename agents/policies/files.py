@@ -27,6 +27,7 @@ from planners.files import write_bytes, write_json
 _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation", "hidden")
 _REPLACED = "replaced"  # key of the JSON of the weights that are about to be replaced
 _ATTEMPTS = 20
+_MOST_LOG_STD = 80.0  # its exponential is a float32
 MOST_BYTES, MOST_JSON_BYTES = 1 << 28, 1 << 20
 """Largest sizes of the files of an agent, bytes: of its weights, and of its JSON."""
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
@@ -72,6 +73,7 @@ def load_agent(source: str | Path) -> Agent:
     try:
         layout = layout_of(str(document["env"]), document["env_config"])
         agent = Agent(document, tensors)
+        _check_values(agent)
     except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     _check_layout(path, document, layout)
@@ -95,10 +97,20 @@ def save_agent(agent: Agent, path: Path) -> None:
         replaced = _of_weights(json.loads(beside.read_text(encoding="utf-8")), path.read_bytes())
     except (OSError, ValueError, RecursionError):
         replaced = None
-    if isinstance(replaced, dict):
-        write_json(beside, {**document, _REPLACED: {name: replaced[name] for name in replaced if name != _REPLACED}})
+    kept = {name: replaced[name] for name in replaced if name != _REPLACED} if isinstance(replaced, dict) else None
+    write_json(beside, document if kept is None else {**document, _REPLACED: kept})
     write_bytes(path, content)
-    write_json(beside, document)
+    if kept is not None:
+        write_json(beside, document)
+
+
+def _check_values(agent: Agent) -> None:
+    """Raise a ValueError for weights with which an agent cannot act, as after training that diverged."""
+    for name, tensor in agent.tensors.items():
+        if not np.isfinite(tensor).all():
+            raise ValueError(f"{name} of an agent holds values that are not finite")
+    if "log_std" in agent.tensors and (np.abs(agent.tensors["log_std"]) > _MOST_LOG_STD).any():
+        raise ValueError(f"log_std of an agent must lie within {_MOST_LOG_STD} of 0")
 
 
 def _weights(path: Path) -> bytes:

@@ -12,7 +12,9 @@ from typing import Any
 from agents.policies.policy import Policy
 
 STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
-"""Files beside a model with the statistics of its VecNormalize; ``MODEL_vecnormalize.pkl`` comes first."""
+"""Files beside a model with the statistics of its VecNormalize.
+
+``MODEL_vecnormalize.pkl`` comes first; last are those in the folder ``MODEL``, where rl-baselines3-zoo writes them."""
 
 _MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
 """The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""
@@ -63,14 +65,17 @@ def load_model(path: Path, *, allow_code: bool) -> Policy:
         import_module("torch").set_num_threads(1)
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f'a Stable-Baselines3 model needs pip install "planarm[rl]" ({error})') from None
-    model = getattr(library, algorithm).load(path, device="cpu")
+    try:
+        model = getattr(library, algorithm).load(path, device="cpu")
+    except Exception as error:  # a damaged file can fail in any way
+        raise ValueError(f"{path} is damaged, or of another version: {type(error).__name__}") from None
     return _with_statistics(model, path)
 
 
 def _with_statistics(model: Any, path: Path) -> Policy:
     """A model with the statistics beside it, if there are any; a ValueError if it was trained with some."""
-    names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS)
-    found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
+    names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS, *(f"{path.stem}/{name}" for name in STATISTICS))
+    found = next((path.parent / name for name in names if (path.parent / name).is_file()), None)
     if found is None:
         # PPO and A2C keep the last observation before normalisation where there is one; SAC and TD3 keep one always.
         if model._last_original_obs is not None and not hasattr(model, "replay_buffer"):

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from agents.console import catch_interrupt, note, progress_bar
+from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.evaluation.benchmark import Benchmark
 from agents.report.page import write_report
 from agents.report.results_file import Results
@@ -85,4 +85,4 @@ def _run_with_bar(benchmark: Benchmark, *, record: bool) -> int:
             benchmark.record(begin, advance)
             check()
         return 0
-    return interrupts[0]
+    return (interrupts or [INTERRUPTED])[0]

@@ -99,7 +99,7 @@ def check_origin(folder: Path, config: TrainingConfig) -> str:
     now = config.model_dump(mode="json")
     if changed := [line for line in _changes(began, now) if not line.startswith(_FREE)]:
         raise ValueError(
-            f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed)}): a run keeps its "
+            f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed[:8])}): a run keeps its "
             f"settings; restore them ({path.name} has them), or begin another run"
         )
     fixed = {name: value for name, value in began.items() if name not in _FREE}
@@ -113,4 +113,4 @@ def _changes(before: Mapping[str, Any], after: Mapping[str, Any], prefix: str = 
         if isinstance(old, dict) and isinstance(new, dict):
             yield from _changes(old, new, f"{prefix}{name}.")
         elif old != new:
-            yield f"{prefix}{name}: {new}, which was {old}"
+            yield f"{prefix}{name:.60}: {new!s:.60}, which was {old!s:.60}"

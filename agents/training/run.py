@@ -19,7 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
-from agents.environments import import_env
+from agents.environments import import_env, make_batch
 from agents.policies.files import layout_of, save_agent
 from agents.training import devices
 from agents.training.algorithms import make_model
@@ -135,7 +135,7 @@ class TrainingRun:
 
     def _environments(self) -> NativeVecEnv:
         config = self.config
-        batch = gym.make_vec(config.env_id, num_envs=config.num_envs, **config.env_config)
+        batch = make_batch(config.env_id, config.num_envs, config.env_config)
         return NativeVecEnv(WholeEpisodes(batch) if isinstance(config, PPOConfig) and config.whole_episodes else batch)
 
     def _warm_start(self, model: Segmented, env: NativeVecEnv, watcher: Watcher) -> bool:

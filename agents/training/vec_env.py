@@ -27,7 +27,8 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
     which makes SB3 bootstrap from the value. Wrappers of SB3, such as VecNormalize and VecVideoRecorder, apply.
 
     Args:
-        env: from ``gym.make_vec``; with ``render_mode="rgb_array"`` its pictures are what ``render`` shows.
+        env: from ``gym.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)``; with ``render_mode="rgb_array"`` its
+            pictures are what ``render`` shows.
 
     Raises:
         ValueError: for another autoreset mode.
@@ -35,7 +36,10 @@ class NativeVecEnv(VecEnv):  # type: ignore[misc]
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         if env.metadata.get("autoreset_mode") != AutoresetMode.SAME_STEP:
-            raise ValueError(f"{env} does not reset an environment in the step that ends its episode (SAME_STEP)")
+            raise ValueError(
+                f"{env} does not reset an environment in the step that ends its episode, as Stable-Baselines3 expects: "
+                "make it with autoreset_mode=AutoresetMode.SAME_STEP"
+            )
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         modes = ["rgb_array", "human"] if self.render_mode == "rgb_array" else []  # SB3 shows frames by OpenCV

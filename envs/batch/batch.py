@@ -7,6 +7,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from envs.batch.records import Fields, Records, make_records, public_bytes, public_view
 from envs.batch.state import Episodes, State, rows
@@ -72,6 +73,13 @@ class Batch:
         """Let the bodies and the observation follow what was written into a record in the middle of an episode."""
         if hasattr(self._kernels, "refresh_env"):
             self._kernels.refresh_env(self.records, self.model, env_index)
+
+    def advance_others(self, resting: NDArray[np.bool_]) -> None:
+        """Advance the environments that do not rest by one control period."""
+        if self._workers.threads > 1:
+            self._workers.run(resting)
+        else:
+            self._workers.work_without(resting, 0, len(self.records))
 
     def settle(self) -> None:
         """Wait for threads that an interrupt has left at work."""

@@ -11,6 +11,7 @@ from threading import Lock
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 _ENVS_PER_THREAD = 32  # below this a second thread costs more than it brings
 
@@ -67,14 +68,14 @@ class Workers:
         """Number of slices."""
         return len(self._slices)
 
-    def run(self) -> None:
-        """Work on the whole batch. When it returns or raises, also by an interrupt, no thread is at work."""
+    def run(self, resting: NDArray[np.bool_] | None = None) -> None:
+        """Work on all that does not rest. When it returns or raises, also by an interrupt, no thread is at work."""
         self.settle()
         ticket = self._ticket = object()
         try:
             pool = self._executor()
             jobs = [
-                pool.submit(self._slice, ticket, turn, *ends)
+                pool.submit(self._slice, ticket, turn, *ends, resting)
                 for turn, ends in zip(self._turns, self._slices, strict=True)
             ]
             for job in jobs:
@@ -99,10 +100,21 @@ class Workers:
             self._pool[1].shutdown(wait=False)
             self._pool = None
 
-    def _slice(self, ticket: object, turn: Lock, first: int, last: int) -> None:
+    def work_without(self, resting: NDArray[np.bool_], first: int, last: int) -> None:
+        """Work on what does not rest of a slice, on this thread."""
+        edges = (first + 1 + np.flatnonzero(np.diff(resting[first:last]))).tolist()
+        for begin, end in pairwise([first, *edges, last]):
+            if not resting[begin]:
+                self._work(begin, end)
+
+    def _slice(self, ticket: object, turn: Lock, first: int, last: int, resting: NDArray[np.bool_] | None) -> None:
         with turn:
-            if self._ticket is ticket:
+            if self._ticket is not ticket:
+                return
+            if resting is None:
                 self._work(first, last)
+            else:
+                self.work_without(resting, first, last)
 
     def _executor(self) -> ThreadPoolExecutor:
         # Threads do not survive a fork, so a pool belongs to the process that made it.

@@ -141,6 +141,7 @@ class ExcavatorPayload(Task):
         "torque_l1": "integral of the summed absolute commanded torques, N m s",
         "peak_torque": "largest commanded torque of any joint, N m",
     }
+    boolean_outcomes = ("success_easy",)
     gauges = ("velocity",)
     view = (-0.7, 4.3, -1.6, 3.6)
     config: ExcavatorPayloadConfig
@@ -227,7 +228,7 @@ class ExcavatorPayload(Task):
 
     def hand_position(self, env_index: int) -> Array:
         """Position of the tip of the tool, ``(2,)``, m."""
-        tip: Array = self.batch["tip"][env_index].copy()
+        tip: Array = self._batch.record(env_index)["tip"].copy()
         return tip
 
     def picture(self, record: Any) -> dict[str, Any]:

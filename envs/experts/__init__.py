@@ -89,10 +89,15 @@ def refuse_transformed(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, A
     task: Any = getattr(env.unwrapped, "task", None)
     layer: Any = env
     while isinstance(layer, (gym.Wrapper, gym.vector.VectorWrapper)):
-        if isinstance(layer, (gym.ObservationWrapper, gym.vector.VectorObservationWrapper)):
+        if _transforms_observations(layer):
             raise ValueError(
                 f"{who} reads the observations as {task.env_id} gives them, and {type(layer).__name__} transforms "
                 "them: make it for the environment inside, and give it that one's observations"
+            )
+        if _transforms_actions(layer):
+            raise ValueError(
+                f"{who} gives actions as {task.env_id} takes them, and {type(layer).__name__} transforms them: leave "
+                "the wrapper out"
             )
         layer = layer.env
     actions = env.single_action_space if isinstance(env, gym.vector.VectorEnv) else env.action_space
@@ -100,3 +105,17 @@ def refuse_transformed(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, A
         raise ValueError(
             f"{who} gives actions in {task.action_space()}, and a wrapper makes them {actions}: leave the wrapper out"
         )
+
+
+def _transforms_observations(layer: Any) -> bool:
+    """Whether the observations of a wrapper are others than those of the environment inside, or at other times."""
+    skips = gym.wrappers.MaxAndSkipObservation, getattr(gym.wrappers, "RepeatAction", ())  # new in Gymnasium 1.3
+    kinds = gym.ObservationWrapper, gym.vector.VectorObservationWrapper, skips
+    same_space = layer.observation_space == layer.env.observation_space
+    return isinstance(layer, kinds) or not same_space
+
+
+def _transforms_actions(layer: Any) -> bool:
+    """Whether a wrapper replaces actions by others of the same space."""
+    kinds = gym.ActionWrapper, gym.vector.VectorActionWrapper
+    return isinstance(layer, kinds) and bool(layer.action_space == layer.env.action_space)

@@ -131,6 +131,7 @@ class ObstacleDodge(Task):
         "time_to_goal": "time from which on the hand was at the goal, s; inf without success",
         "goal_distance": "from the hand to the goal, m",
     }
+    boolean_outcomes = ("collision",)
     gauges = ("velocity", "acceleration")
     view = VIEW
     config: ObstacleDodgeConfig

@@ -28,7 +28,7 @@ from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, 
 from planners.trajectory import Trajectory
 from planners.typing import Array
 
-STAGES = 60
+STAGES, MOST_STAGES = 60, 1000
 
 _PLANNER = "dpct (optimal)"
 
@@ -96,8 +96,8 @@ def plan_optimal(
         raise ValueError(f"rendezvous_time {rendezvous_time} s must be in (0, horizon = {problem.horizon}] s")
     if time_weight is not None and not time_weight >= 0.0:
         raise ValueError(f"time_weight {time_weight} must not be negative")
-    if stages < 10:
-        raise ValueError(f"stages {stages} must be at least 10")
+    if not 10 <= stages <= MOST_STAGES:
+        raise ValueError(f"stages {stages} must be from 10 to {MOST_STAGES}")
     options = rendezvous_time, time_weight, free_initial_acceleration, allow_reverse, stages
     if isinstance(problem.target, FixedHand) and problem.arm.n_joints not in (2, 3):
         return _to_postures(problem, elbow, options)

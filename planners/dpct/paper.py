@@ -37,6 +37,7 @@ from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
 _SAMPLES_PER_STEP = 10
+MOST_CELLS = 2000
 _CLOCK_TOLERANCE = 1e-9  # s: a start this close to t_0 is at t_0
 
 
@@ -157,7 +158,7 @@ class PhasePath:
         return t, r, rate, acceleration
 
 
-@variant("dpct", "paper", {"moving hand": Takes(links=(2, 3))}, promises=False)
+@variant("dpct", "paper", {"moving hand": Takes(links=(2, 3), accelerating=False)}, promises=False)
 def plan_paper(problem: MotionProblem, *, grid: tuple[int, int] = (50, 100), reading: Reading = LITERAL) -> Trajectory:
     """Plan as the paper does, and return the motion that results in real time.
 
@@ -184,8 +185,8 @@ def search_phase_plane(
     """The DPCT search itself (sections 4.2 and 4.3); arguments and errors as :func:`plan_paper`."""
     stages, states = grid
     target_state = round(reading.target_fraction * states)
-    if stages < 2 or target_state < 1:
-        raise ValueError(f"grid {grid} is too coarse; give at least 2 stages and 2 states")
+    if not (2 <= stages <= MOST_CELLS and 1 <= target_state <= states <= MOST_CELLS):
+        raise ValueError(f"grid {grid} must be of 2 to {MOST_CELLS} stages and as many states")
     line = _BeltLine.of(problem, reading.line)
     if line.end_time <= 0.0:
         raise Infeasible("late", f"the part passed the end of the {reading.line:.4g} m line {-line.end_time:.3g} s ago")

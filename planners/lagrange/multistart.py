@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from planners.lagrange.joint_move import (
     minimise,
     torque_rate,
 )
-from planners.lagrange.starts import start_curves
 from planners.lagrange.transcription import Basis, lagrange_basis, spline_basis
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
@@ -56,6 +56,15 @@ SAME_INDEX = 1e-3
 
 OVERSHOOT = 1e-6
 """Excess, as a fraction of the limit, that is accepted where an end of the move lies on the limit itself."""
+
+FOLD, SWING = 2.0, 1.0
+"""Displacements from the quintic at half time: of the outer joints in a fold, of the first one in a swing, rad."""
+
+INSIDE = 0.95
+"""Share of the joint ranges that the starts use."""
+
+FASTEST_DETOUR = 2.0
+"""Starts whose detour alone needs more than this multiple of the velocity limit are left out."""
 
 BACK_OFF, ATTEMPTS = 1e-4, 6
 """Tightening of the limits beyond the excess for the next attempt, and the number of attempts."""
@@ -130,10 +139,11 @@ def polished(fit: Fit, objective: Objective) -> Fit:
     return found
 
 
-def reaches(move: JointMove) -> bool:
-    """Whether a motion close to the quintic keeps the limits: quick, and may miss motions that do."""
+def reaches(move: JointMove, start: Curve | None = None) -> bool:
+    """Whether a motion close to a start, by default the quintic, keeps the limits: quick, and may miss some."""
     basis = lagrange_basis(PROBE_DEGREE, move.clamp_acceleration, PROBE_POINTS)
-    return minimise(move, basis, move.quintic(basis.s), Index("PI2", torque_unit(move, "PI2")), PROBE).feasible
+    q = (start or move.quintic)(basis.s)
+    return minimise(move, basis, q, Index("PI2", torque_unit(move, "PI2")), PROBE).feasible
 
 
 def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
@@ -148,7 +158,7 @@ def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
 
 def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None) -> list[Minimum]:
     """Local minima with few nodes: of PI2 from every start, which is the smoother problem, then of the objective."""
-    curves = [*start_curves(move)[starts], *([guess] if guess else [])]
+    curves = [*_start_curves(move)[starts], *([guess] if guess else [])]
     solutions = [_coarse(move, index.smooth, curve) for curve in curves]
     if index.objective == "PI2":
         return solutions
@@ -218,3 +228,29 @@ def _measured_loads(minimum: Minimum, samples: Basis) -> Array:
     start, end = move.ends
     problem = MotionProblem(move.arm, start[0], FixedJoints(end[0]), move.duration, limits=move.limits)
     return sampled_trajectory(problem, samples.s * move.duration, q, qd, qdd, planner="lagrange").measured.ratios
+
+
+def _start_curves(move: JointMove) -> list[Curve]:
+    """The quintic, an extended one, and swings and folds in every direction."""
+    n = move.arm.n_joints
+    outer: Array = np.where(np.arange(n) > 0, 1.0, 0.0)
+    alternating: Array = np.where(np.arange(n) % 2 == 0, outer, -outer)
+    patterns = [SWING * (1.0 - outer), *(FOLD * pattern for pattern in (alternating, outer)[: n - 1])]
+    detours = [side * pattern for pattern in patterns for side in (1.0, -1.0)]
+    # the fastest part of a detour takes about a third of the time
+    longest = FASTEST_DETOUR * np.array(move.limits.velocity) * move.duration / 3.0
+    possible = [detour for detour in detours if (np.abs(detour) <= longest).all()]
+    return [
+        move.quintic,
+        partial(_curve, move, np.zeros(n), -outer),
+        *(partial(_curve, move, detour, np.zeros(n)) for detour in possible),
+    ]
+
+
+def _curve(move: JointMove, detour: Array, share: Array, s: Array) -> Array:
+    """The quintic plus, at half time, ``detour`` (rad) and a ``share`` of itself, within the joint ranges."""
+    quintic = move.quintic(s)
+    half_way = (16.0 * (s * (1.0 - s)) ** 2)[:, None]
+    middle = move.limits.angle_middle
+    reach = np.maximum(INSIDE * move.limits.angle_half, np.abs(quintic - middle).max(axis=0))
+    return middle + np.clip(quintic + half_way * (detour + share * quintic) - middle, -reach, reach)

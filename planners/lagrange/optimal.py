@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -20,7 +21,8 @@ from planners.capabilities import Takes, variant
 from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import Curve, JointMove, Objective, torque_rate
-from planners.lagrange.multistart import Fit, least_torque, polished, reaches
+from planners.lagrange.least_time import holdable, joint_time, late, too_late
+from planners.lagrange.multistart import Fit, least_torque, polished
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
@@ -42,13 +44,6 @@ SETTLED = 0.5
 
 MET = np.array([[1e-6], [1e-6], [1e-3]])
 """Differences of joint angle, velocity and acceleration (SI units) below which the arm already follows the target."""
-
-TIME_PRECISION, GROWTH, MOST_GROWTHS, GROWTHS_IF_WEAK = 0.01, 1.5, 9, 4
-"""Of the search for the minimum time: relative precision, first factor of the bracketing, with which the factor itself
-grows from step to step, and number of steps; and their number where slow motions exceed a torque limit by gravity
-alone."""
-
-WAY_SHARES = np.linspace(0.0, 1.0, 21)
 
 _PLANNER = "lagrange (optimal)"
 
@@ -136,62 +131,17 @@ def plan_optimal(
 def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array], settings: Settings) -> Trajectory:
     """Come to rest in one of the goal postures at the horizon."""
     still = np.zeros(problem.arm.n_joints)
-    goals = _holdable(move, goals)
+    goals = holdable(move, goals)
     moves = [move.to(np.stack([goal, still, still]), problem.horizon) for goal in goals]
     if len(moves) == 1:
         _require_within_limits(moves[0], 1, "limits", 1.0)
-    fit = _best_fit(moves, settings)
+    fit = _best_fit(moves, settings) if min(map(joint_time, moves)) <= problem.horizon else None
     if fit is None:
-        raise _late(moves, settings) if settings.explain else _too_late(problem.horizon, math.inf)
+        search = partial(least_torque, objective=settings.objective, degree=settings.degree)
+        raise late(moves, search) if settings.explain else too_late(problem.horizon, math.inf)
     t, q, _, qd, qdd, _ = _sample(fit)
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)
     return _with_cost(trajectory, settings)
-
-
-def _holdable(move: JointMove, goals: Sequence[Array]) -> list[Array]:
-    """Goals at which the torque limits hold the arm against gravity.
-
-    Raises:
-        Infeasible: with reason ``limits`` if there is none.
-    """
-    loads = [_weight_loads(move, goal) for goal in goals]
-    held = [goal for goal, load in zip(goals, loads, strict=True) if load.max() <= 1.0]
-    if not held:
-        raise _too_weak(move, goals[int(np.argmin([load.max() for load in loads]))], "hold the target")
-    return held
-
-
-def _weight_loads(move: JointMove, q: Array) -> Array:
-    """|torque| / limit of every joint at rest in a posture, ``(n,)``."""
-    still = np.zeros_like(q)
-    loads: Array = np.abs(move.arm.inverse_dynamics(q, still, still)) / move.limits.array("torque")
-    return loads
-
-
-def _too_weak_on_the_way(moves: Sequence[JointMove]) -> Infeasible | None:
-    """The refusal where gravity takes more than a torque limit at the start, or on every straight way to a goal."""
-    start = moves[0].ends.start[0]
-    if _weight_loads(moves[0], start).max() > 1.0:
-        return _too_weak(moves[0], start, "hold the start")
-    ways = [start + share * (move.ends.end[0] - start) for move in moves for share in WAY_SHARES]
-    loads = np.array([_weight_loads(moves[0], q).max() for q in ways]).reshape(len(moves), -1)
-    easiest = int(loads.max(axis=1).argmin())
-    if loads[easiest].max() <= 1.0:
-        return None
-    q = ways[easiest * len(WAY_SHARES) + int(loads[easiest].argmax())]
-    return _too_weak(moves[0], q, "pass slowly on the straight way to the target")
-
-
-def _too_weak(move: JointMove, q: Array, what: str) -> Infeasible:
-    """The refusal of a posture in which gravity takes more than a torque limit."""
-    loads = _weight_loads(move, q)
-    joint = int(loads.argmax())
-    limit = float(move.limits.array("torque")[joint])
-    message = (
-        f"joint {joint + 1} needs {loads[joint] * limit:.4g} N m against gravity to {what}, and its torque limit is "
-        f"{limit:.4g} N m; raise the limit or reduce the payload"
-    )
-    return Infeasible("limits", message, joint=joint, kind="torque", ratio=float(loads[joint]))
 
 
 def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> Trajectory:
@@ -209,7 +159,7 @@ def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ri
     fit = _best_fit(moves, settings)
     if fit is None:
         found = earliest(rides, move, problem.horizon, problem.horizon) if settings.explain else math.inf
-        raise _too_late(time, found)
+        raise too_late(time, found)
     ride, window = next(pair for pair, joining in zip(open_rides, moves, strict=True) if joining is fit.minimum.move)
     riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
     trajectory = to_trajectory(ride.line, [_sample(fit), riding], window.closes, time, 0.0, _PLANNER)
@@ -221,7 +171,7 @@ def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> floa
     preferred = max(horizon - SETTLED, 0.5 * horizon)
     soonest = earliest(rides, move, preferred, horizon)
     if soonest > horizon:
-        raise _too_late(horizon, soonest)
+        raise too_late(horizon, soonest)
     closes = max(window.closes for ride in rides for window in ride.windows if window.opens <= soonest)
     return max(soonest, min(TIME_MARGIN * soonest, preferred, closes))
 
@@ -236,40 +186,6 @@ def _require_within_limits(move: JointMove, side: int, reason: str, most: float)
     loads = move.end_loads[side]
     if loads.max() > most:
         raise limit_broken(reason, ("starts at", "is to end at")[side], loads, LIMIT_KINDS)
-
-
-def _late(moves: Sequence[JointMove], settings: Settings) -> Infeasible:
-    """Why a fixed target is not reached in time: the least feasible time, by bracketing and bisection."""
-
-    def search(moves: Sequence[JointMove], duration: float, guess: Curve | None) -> Fit | None:
-        others = [replace(move, duration=duration) for move in moves]
-        return least_torque(others, settings.objective, settings.degree, guess)
-
-    horizon = moves[0].duration
-    low, high, fit = horizon, horizon, None
-    weak = _too_weak_on_the_way(moves)
-    for growth in range(1, 1 + (MOST_GROWTHS if weak is None else GROWTHS_IF_WEAK)):
-        low, high = high, GROWTH**growth * high
-        reaching = [move for move in moves if reaches(replace(move, duration=high))]
-        fit = search(reaching, high, None) if reaching else None
-        if fit is not None:
-            break
-    if fit is None:
-        return weak or Infeasible("limits", f"no motion within the limits found, not even in {high:.4g} s")
-    while high - low > TIME_PRECISION * high:
-        middle = math.sqrt(low * high)
-        found = search([fit.minimum.move], middle, fit.curve)
-        low, high, fit = (middle, high, fit) if found is None else (low, middle, found)
-    while search(moves, high, None) is None:  # without the plan for a longer time to start from
-        high *= 1.0 + TIME_PRECISION
-    return _too_late(horizon, high)
-
-
-def _too_late(time: float, minimum: float) -> Infeasible:
-    message = f"no motion within the limits takes only {time:.4g} s"
-    if math.isinf(minimum):
-        return Infeasible("late", f"{message}; allow more", time=time)
-    return Infeasible("late", f"{message}; allow at least {minimum:.4g} s", time=time, minimum_time=minimum)
 
 
 def _sample(fit: Fit) -> Motion:

@@ -49,6 +49,7 @@ PUBLISHED_COEFFICIENTS = ((-9.5608, 10.5608, 0.0), (15.3390, -15.3390, 0.0), (-0
 
 _MOTION_STEPS = 2000  # of the trajectory
 _VISITING_STRIDE = 0.382  # of the samples: PI exceeds the least one sooner if successive samples are far apart
+_MOST_STEPS, _MOST_NODES = 10_000, 20
 _MOST_POINTS, _MOST_CURVES = 100_000_000, 20_000  # of a grid; of a joint
 _AT_GOAL = 1e-6  # rad, rad/s
 
@@ -87,8 +88,8 @@ def plan_paper(
         ValueError: if the problem or an option is not of this kind, or the grid is too large to be searched.
     """
     require_choice("method", method, get_args(Method))
-    if steps < 2:
-        raise ValueError(f"steps {steps} is too few to integrate; give at least 2")
+    if not 2 <= steps <= _MOST_STEPS:
+        raise ValueError(f"steps {steps} must be from 2 to {_MOST_STEPS}")
     if method == "lagrange":
         family = lagrange_family(problem, nodes, clamped=clamped)
         candidates = node_angles(problem) if grid is None else grid
@@ -183,8 +184,10 @@ def lagrange_family(
 def polynomial_family(problem: MotionProblem, degree: int = 2, *, clamped: bool = False) -> Family:
     """Eq 12 with the low coefficients given by the start and goal; free are the others, a_jk from k = 2 (clamped 4)."""
     lowest = 3 if clamped else 1
-    if degree < lowest:
-        raise ValueError(f"degree {degree} is too low to meet the {lowest + 1} conditions at the ends; give {lowest}")
+    if not lowest <= degree <= _MOST_NODES:
+        raise ValueError(
+            f"degree {degree} must be from {lowest}, to meet the {lowest + 1} conditions at the ends, to {_MOST_NODES}"
+        )
     time = problem.horizon
     if clamped:
         base = _clamped_cubics(problem)
@@ -226,10 +229,16 @@ def _goal(problem: MotionProblem) -> Array:
 
 def _node_times(nodes: int | Sequence[float] | Array, horizon: float, clamped: bool) -> list[float]:
     """Node times in s; see :func:`plan_paper`."""
-    fractions = chebyshev_nodes(nodes) if isinstance(nodes, int) else np.array(nodes, dtype=float)
+    try:
+        given = nodes if not isinstance(nodes, int) else chebyshev_nodes(nodes) if nodes <= _MOST_NODES else ()
+        fractions = np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        fractions = np.empty(0)
     rising = fractions.ndim == 1 and len(fractions) >= 2 and bool((np.diff(fractions) > 0.0).all())
     if not (rising and fractions[0] >= 0.0 and fractions[-1] <= 1.0):
-        raise ValueError(f"nodes {nodes}: give a number of at least 2, or at least 2 rising fractions of the horizon")
+        raise ValueError(
+            f"nodes {nodes!r:.80}: give a number from 2 to {_MOST_NODES}, or at least 2 rising fractions of the horizon"
+        )
     if clamped or isinstance(nodes, int):
         fractions[[0, -1]] = 0.0, 1.0
     return [float(time) for time in horizon * fractions]
@@ -249,7 +258,10 @@ def _combine(numbers: ArrayLike, basis: Sequence[Polynomial]) -> Polynomial:
 
 def _checked_grid(grid: Sequence[ArrayLike], n_joints: int, free: int) -> list[list[tuple[float, ...]]]:
     """For each joint every combination of values of its ``free`` numbers, the last number changing fastest."""
-    values = [np.asarray(joint, dtype=float) for joint in grid]
+    try:
+        values = [np.asarray(joint, dtype=float) for joint in grid]
+    except (TypeError, ValueError, OverflowError):
+        values = []
     if len(values) != n_joints or not all(v.ndim == 1 and len(v) and np.isfinite(v).all() for v in values):
         raise ValueError(f"grid must give each of the {n_joints} joints a row of finite values to try")
     curves = [len(joint) ** free for joint in values]

@@ -10,9 +10,9 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import Sign, require_finite, require_vector
+from planners.checks import Sign, float_array, is_number, require_finite, require_vector
 from planners.robot import clearance, dynamics, kinematics, redundant
-from planners.robot.limits import EveryJoint, is_number
+from planners.robot.limits import EveryJoint
 from planners.robot.limits import JointLimits as JointLimits
 from planners.typing import Array
 
@@ -262,7 +262,7 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
         counts.append(len(limits.torque))
     n = counts[0] if counts else 1
     if n == 0:
-        raise ValueError(f"{name}: an arm needs at least one link")
+        raise ValueError(f"{name}: lengths are empty; an arm needs at least one link")
     links |= {kind: n * links[kind] for kind in every}
     links["coms"] = links["coms"] or tuple(length / 2.0 for length in links["lengths"])
     rods = zip(links["masses"], links["lengths"], strict=False)
@@ -280,10 +280,7 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
 
 def _numbers(what: str, given: ArrayLike) -> tuple[float, ...]:
     """A number or a one-dimensional sequence of numbers as floats."""
-    try:
-        array: Array = np.asarray(given, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{what} {given!r:.80} must be numbers, as in (0.4, 0.3)") from None
+    array = float_array(what, given)
     if array.ndim > 1:
         raise ValueError(f"{what} has shape {array.shape}; give one number per link, as in (0.4, 0.3)")
     return tuple(np.atleast_1d(array).tolist())

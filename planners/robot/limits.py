@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.checks import brief, refuse_unknown
+from planners.checks import brief, is_number, refuse_unknown
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -159,15 +158,6 @@ def _frozen(values: Iterable[float]) -> Array:
     array = np.array(tuple(values), dtype=float)
     array.setflags(write=False)
     return array
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a single number, of Python or of NumPy."""
-    if isinstance(value, bool | np.bool_):
-        return False
-    if isinstance(value, int) and value.bit_length() > 1023:  # beyond what a float holds
-        return False
-    return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 
 
 def _limits(kind: LimitKind, given: Any) -> tuple[Any, ...]:

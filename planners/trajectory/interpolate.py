@@ -41,6 +41,19 @@ def quintic_between(
 
 
 @njit(cache=True, nogil=True)
+def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
+    """Largest |jerk| of the quintic between two samples: at an end, or where the parabola that it is turns."""
+    rest, dv, da = q1 - q0 - h * (qd0 + h * qdd0 / 2.0), h * (qd1 - qd0 - h * qdd0), h * h * (qdd1 - qdd0)
+    first = 60.0 * rest - 24.0 * dv + 3.0 * da
+    slope = -360.0 * rest + 168.0 * dv - 24.0 * da
+    bend = 360.0 * rest - 180.0 * dv + 30.0 * da
+    most = max(abs(first), abs(first + slope + bend))
+    if 0.0 < -slope * bend < 2.0 * bend * bend:
+        most = max(most, abs(first - slope * slope / (4.0 * bend)))
+    return float(most / h**3)
+
+
+@njit(cache=True, nogil=True)
 def between(
     s: float, h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
 ) -> tuple[float, float, float]:

@@ -13,11 +13,11 @@ from planners.problem import MotionProblem
 from planners.robot.clearance import clearance_single
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory.interpolate import between
+from planners.trajectory.interpolate import between, peak_jerk
 from planners.typing import Array
 
 PARTS = 4
-"""Parts of an interval between two samples at whose ends torque and jerk are evaluated."""
+"""Parts of an interval between two samples at whose ends torque is evaluated."""
 
 JUMP = 1e-9
 """Difference of two accelerations at the same time, relative to the largest, that is rounding."""
@@ -164,15 +164,10 @@ def _jerk(h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: f
     change = abs(qdd[i + 1, j] - qdd[i, j])
     if h <= 0.0:
         return np.inf if change > JUMP / ROUNDING * rounding else 0.0
-    most = max(0.0, change - rounding) / h
     # rounding of the angles, which an interpolation divides by the square of the interval
     blur = rounding + 60.0 * 2.2e-16 * (abs(q[i, j]) + abs(q[i + 1, j])) / (h * h)
-    before = qdd[i, j]
-    for k in range(1, PARTS + 1):
-        after = between(k / PARTS, h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])[2]
-        most = max(most, (abs(after - before) - blur) * PARTS / h)
-        before = after
-    return float(most)
+    most = peak_jerk(h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])
+    return float(max(max(0.0, change - rounding) / h, most - PARTS * blur / h))
 
 
 @njit(cache=True, nogil=True)

@@ -13,11 +13,11 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"')
 
-import gymnasium as gym
 import torch
 
 from agents import evaluate, load_agent
 from agents.cli import main
+from agents.environments import make_batch
 from agents.policies.agent import SQUASHED_FORMAT
 from agents.training.algorithms import make_model
 from agents.training.recipe import TrainingConfig
@@ -98,7 +98,7 @@ def test_training_twice_gives_the_same_weights_and_another_seed_others(
 @both
 def test_an_agent_acts_as_the_network_it_was_trained_as(algorithm: str) -> None:
     config = small(algorithm, hidden=[32, 32])
-    env = NativeVecEnv(gym.make_vec(ENV, num_envs=4, **SMALL["env_config"]))
+    env = NativeVecEnv(make_batch(ENV, 4, SMALL["env_config"]))
     model = make_model(config, env, LAYOUT)
     torch.manual_seed(0)
     for parameter in model.policy.parameters():

@@ -15,6 +15,7 @@ pytest.importorskip("stable_baselines3", reason='needs pip install "planarm[rl]"
 
 import torch
 
+from agents.environments import make_batch
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
 from agents.training.vec_env import NativeVecEnv
@@ -100,7 +101,7 @@ def test_other_environments_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_step_is_an_episode_in_every_environment() -> None:
-    venv = NativeVecEnv(WholeEpisodes(gym.make_vec(ENV, num_envs=6, **MOTION)))
+    venv = NativeVecEnv(WholeEpisodes(make_batch(ENV, 6, MOTION)))
     venv.seed(3)
     first = venv.reset()
     actions = np.zeros((6, venv.action_space.shape[0]), np.float32)  # type: ignore[index]

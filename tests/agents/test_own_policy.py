@@ -201,7 +201,14 @@ def test_behind_a_wrapper_that_transforms_what_they_read_or_give_experts_and_age
     single, batch = gym.make(ENV, control_mode="jerk"), gym.make_vec(ENV, num_envs=2, control_mode="jerk")
     normalized: Any = gym.wrappers.NormalizeObservation(gym.wrappers.RecordEpisodeStatistics(single))
     rescaled: Any = gym.wrappers.vector.RescaleAction(batch, np.float32(-5.0), np.float32(5.0))
-    for env, complaint in ((normalized, "NormalizeObservation transforms them"), (rescaled, "a wrapper makes them")):
+    for env, complaint in (
+        (normalized, "NormalizeObservation transforms them"),
+        (rescaled, "a wrapper makes them"),
+        (gym.wrappers.FrameStackObservation(single, 2), "FrameStackObservation transforms them"),
+        (gym.wrappers.MaxAndSkipObservation(single), "MaxAndSkipObservation transforms them"),
+        (gym.wrappers.StickyAction(single, 0.5), "StickyAction transforms them"),
+        (gym.wrappers.vector.NormalizeObservation(batch), "NormalizeObservation transforms them"),
+    ):
         with pytest.raises(ValueError, match=f"expert dpct .*{complaint}"):
             envs.make_expert("dpct", env)
         with pytest.raises(ValueError, match=f"an agent .*{complaint}"):

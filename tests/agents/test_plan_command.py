@@ -10,16 +10,9 @@ import pytest
 
 from agents.cli import main
 from planners import SCARA_50CM, Trajectory
-from tests.pages import ROOT, follow
-from tools.capability_table import updated
+from tests.pages import follow
 
 MOVE = ["plan", "--arm", "SCARA_50CM", "--start", "0.2", "1.5", "--to-joints", "1.2", "0.8", "--horizon", "2"]
-
-
-def test_the_page_lists_what_every_variant_takes() -> None:
-    page = (ROOT / "docs" / "planners.md").read_text()
-    assert "| dpct | optimal |" in page
-    assert updated(page) == page
 
 
 def test_the_page_can_be_followed(tmp_path: Path) -> None:

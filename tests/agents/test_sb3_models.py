@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import zipfile
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -56,6 +58,31 @@ def test_statistics_beside_a_model_are_used(models: Path) -> None:
     )
     assert own.policy == "normal"
     np.testing.assert_array_equal(own.returns, agents.evaluate(ByHand(), ENV, range(3)).returns)
+
+
+def test_statistics_in_a_folder_of_the_models_name_are_used_as_the_zoo_writes_them(
+    models: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "zoo").mkdir()
+    shutil.copy(models / "with" / "normal.zip", tmp_path / "zoo.zip")
+    shutil.copy(models / "with" / "vecnormalize.pkl", tmp_path / "zoo" / "vecnormalize.pkl")
+    given: dict[str, Any] = {"allow_code": True, "env_config": {}}
+    zoo, beside = (
+        agents.evaluate(str(path), ENV, range(2), **given)
+        for path in (tmp_path / "zoo.zip", models / "with" / "normal.zip")
+    )
+    np.testing.assert_array_equal(zoo.returns, beside.returns)
+
+
+def test_a_damaged_model_is_named(models: Path, tmp_path: Path) -> None:
+    content = (models / "jerk.zip").read_bytes()
+    with zipfile.ZipFile(models / "jerk.zip") as whole, zipfile.ZipFile(tmp_path / "jerk.zip", "w") as part:
+        part.writestr("data", whole.read("data"))
+    with pytest.raises(ValueError, match=r"jerk\.zip is damaged"):
+        agents.evaluate(str(tmp_path / "jerk.zip"), ENV, [0], allow_code=True, env_config={})
+    (tmp_path / "jerk.zip").write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=r"jerk\.zip is no model"):
+        agents.evaluate(str(tmp_path / "jerk.zip"), ENV, [0], allow_code=True, env_config={})
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -24,6 +23,7 @@ import torch
 
 from agents import Agent, evaluate, load_agent
 from agents.cli import main
+from agents.environments import make_batch
 from agents.policies.agent import FORMAT
 from agents.training.algorithms import make_model
 from agents.training.recipe import TrainingConfig
@@ -232,8 +232,9 @@ LONG = {"total_steps": 100_000_000, "checkpoint_steps": 100_000_000}
         (signal.SIGINT, LONG, "checkpoint.pt"),
         (signal.SIGTERM, {**LONG, "epochs": 10_000, "rollout_steps": 400}, "checkpoint.pt"),
         (signal.SIGINT, {"warm_start": {"expert": "apf", "episodes": 2, "updates": 10**9}}, "warm_start.pt"),
+        (signal.SIGTERM, {"evaluation_episodes": 4000, "baselines": ["lagrange"]}, "tensorboard"),
     ],
-    ids=["in a rollout", "in an update", "in the warm start"],
+    ids=["in a rollout", "in an update", "in the warm start", "while baselines are scored"],
 )
 def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
     number: signal.Signals, changes: dict[str, Any], until: str, tmp_path: Path
@@ -249,7 +250,7 @@ def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
     before = time.perf_counter()
     _, printed = process.communicate()
     assert time.perf_counter() - before < 10.0  # under a second where nothing else runs, and minutes if it waited
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert f"--resume {folder}" in printed
     if until == "checkpoint.pt":
         assert load_agent(folder / "last.safetensors").env_id == "ConveyorTrack-v0"
@@ -274,7 +275,7 @@ def test_what_a_run_leaves(finished: Path) -> None:
 
 
 def test_an_agent_acts_as_its_torch_network() -> None:
-    env = NativeVecEnv(gym.make_vec(SMALL["env"], num_envs=4, **SMALL["env_config"]))
+    env = NativeVecEnv(make_batch(SMALL["env"], 4, SMALL["env_config"]))
     model = make_model(small(hidden=[64, 64]), env, LAYOUT)
     torch.manual_seed(0)
     for parameter in model.policy.parameters():
@@ -302,7 +303,7 @@ def test_noise_and_learning_rate_follow_the_whole_run(finished: Path) -> None:
 def test_dagger_makes_a_policy_act_much_like_its_expert() -> None:
     plan = {"expert": "apf", "episodes": 64, "rounds": 1, "updates": 1500, "batch_size": 128}
     config = small(warm_start=plan, hidden=[32, 32])
-    with closing(gym.make_vec(SMALL["env"], num_envs=16, **SMALL["env_config"])) as env:
+    with closing(make_batch(SMALL["env"], 16, SMALL["env_config"])) as env:
         model = make_model(config, NativeVecEnv(env), LAYOUT)
         assert dagger(model.policy, config, TRAINING_SEEDS)
         seen, labels, rewards = (np.concatenate(values) for values in collect(env, "apf", None, seed=0))

@@ -25,7 +25,7 @@ N_ENVS = 3
 
 
 def venv(env_id: str = "ConveyorTrack-v0", **config: Any) -> NativeVecEnv:
-    return NativeVecEnv(gym.make_vec(env_id, num_envs=N_ENVS, **config))
+    return NativeVecEnv(gym.make_vec(env_id, num_envs=N_ENVS, autoreset_mode=AutoresetMode.SAME_STEP, **config))
 
 
 def still(env: NativeVecEnv) -> np.ndarray[Any, Any]:

@@ -47,7 +47,7 @@ def test_episode_statistics(env_id: str, name: str) -> None:
 
 @every_expert
 def test_environment_statistics(env_id: str, name: str) -> None:
-    venv = gym.make_vec(env_id, num_envs=3)
+    venv = gym.make_vec(env_id, num_envs=3, autoreset_mode="SameStep")
     env = RecordBatchStatistics(venv)
     expert = envs.make_expert(name, venv)
     observation, _ = env.reset(seed=5)

@@ -215,3 +215,27 @@ def test_an_action_of_the_dodging_field_costs_at_most_a_step(dodge_episode: Dodg
     per_action = 1e6 / (DODGE_PERIODS * N_ENVS)
     print(f"the dodging field {per_action * field:.2f} us an action, a step {per_action * step:.2f} us an environment")
     assert step / field >= 1.0
+
+
+@pytest.mark.usefixtures("measured")
+@pytest.mark.parametrize("num_envs", [1, N_ENVS])
+def test_a_state_is_kept_and_set_in_little_more_than_a_step(num_envs: int) -> None:
+    env: Any = gym.make("ConveyorTrack-v0") if num_envs == 1 else gym.make_vec("ConveyorTrack-v0", num_envs=num_envs)
+    env = env.unwrapped
+    env.reset(seed=0)
+    state, action = env.get_state(), np.zeros(env.action_space.shape, dtype=np.float32)
+    calls = 100 if num_envs == 1 else 5
+
+    def repeated(call: Callable[[], Any]) -> Callable[[], None]:
+        return lambda: [call() for _ in range(calls)] and None
+
+    def stepped() -> None:
+        env.set_state(state)
+        env.step(action)
+
+    kept, put, put_and_stepped = fastest(
+        repeated(env.get_state), repeated(lambda: env.set_state(state)), repeated(stepped)
+    )
+    kept, put, step = (1e6 * time / calls for time in (kept, put, put_and_stepped - put))
+    print(f"{num_envs} environments: get_state {kept:.0f} us, set_state {put:.0f} us, a step {step:.0f} us")
+    assert kept + put <= 3.0 * step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import platform
 import shutil
 import subprocess
@@ -97,3 +98,12 @@ def test_a_vector_is_taken_and_returned_beside_numbers(c_function: Callable[...,
     turn = c_function("turn", VECTOR, VECTOR, REAL, POINTER)
     body = Body(angle=-2.0)
     assert njit(lambda pointer: turn(1.0, 2.0, 0.25, pointer))(ctypes.addressof(body)) == (1.25, -4.0)
+
+
+def test_interpreted_environments_are_refused_in_one_line() -> None:
+    command = [sys.executable, "-m", "planarm", "rollout", "ConveyorTrack-v0", "--policy", "random"]
+    done = subprocess.run(
+        command, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == "planarm rollout: planarm's environments run compiled code only; unset NUMBA_DISABLE_JIT\n"

@@ -177,7 +177,7 @@ class TestExpert:
         [("dpct", "torque"), ("dpct", "acceleration"), ("dpct", "jerk"), ("lagrange", "torque")],
     )
     def test_random_starts(self, name: str, control_mode: str) -> None:
-        vector = gym.make_vec(ENV_ID, num_envs=40, control_mode=control_mode)
+        vector = gym.make_vec(ENV_ID, num_envs=40, autoreset_mode="SameStep", control_mode=control_mode)
         expert = envs.make_expert(name, vector)
         observations, _ = vector.reset(seed=500)
         state, starts = None, np.ones(40, dtype=bool)
@@ -385,7 +385,7 @@ class TestReward:
         while not over:
             action, state = expert.predict(observation, state)
             observation, _, _, over, info = env.step(action if step < 120 else np.ones(2, dtype=np.float32))
-            settling.append(info["reward_terms"]["settling"])
+            settling.append(info["reward_settling"])
             step += 1
         assert sum(settling[:120]) > 0.2
         assert sum(settling) == pytest.approx(0.0, abs=1e-12)

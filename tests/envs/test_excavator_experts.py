@@ -21,7 +21,7 @@ Ends = dict[str, Array]
 
 def finish(name: str, batch: int = N_ENVS, options: dict[str, Any] | None = None, **config: Any) -> tuple[Ends, Any]:
     """One episode an environment: its last info, and the expert with its last estimates."""
-    env = gym.make_vec(ENV_ID, num_envs=batch, **config)
+    env = gym.make_vec(ENV_ID, num_envs=batch, autoreset_mode="SameStep", **config)
     expert = envs.make_expert(name, env)
     observation, _ = env.reset(seed=0, options=options)
     ends: dict[int, dict[str, float]] = {}

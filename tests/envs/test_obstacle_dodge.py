@@ -42,7 +42,7 @@ def test_a_disc_that_runs_into_an_arm_at_rest_ends_the_episode() -> None:
     assert (terminated, truncated, info["collision"], info["is_success"]) == (True, False, True, False)
     assert -0.5 * 0.02 <= info["min_clearance"] < 0.0
     assert info["time_to_goal"] == np.inf
-    assert info["reward_terms"]["collision"] == -2.0
+    assert info["reward_collision"] == -2.0
     assert total < -2.0
 
 

@@ -143,7 +143,7 @@ def test_a_frame_after_the_end_is_the_last_of_the_episode() -> None:
 @every_env
 def test_an_unknown_setting_is_an_unexpected_keyword_and_a_bad_value(env_id: str) -> None:
     for kind in (TypeError, ValueError):
-        with pytest.raises(kind, match='setting "frameskip"'):
+        with pytest.raises(kind, match=r'setting "frameskip".*unexpected keyword argument .frameskip.'):
             gym.make(env_id, frameskip=4)
         with pytest.raises(kind, match='setting "frameskip"'):
             gym.make_vec(env_id, num_envs=2, frameskip=4)
@@ -170,7 +170,7 @@ def test_impossible_times_and_foreign_settings_are_refused(
 
 
 @every_env
-@pytest.mark.parametrize("count", [-1, 0, 2.5, True, "3"])
+@pytest.mark.parametrize("count", [-2, 0, 2.5, True, "3"])
 def test_counts_of_a_vector_environment_are_whole_and_positive(env_id: str, count: Any) -> None:
     with pytest.raises(ValueError, match=rf"max_episode_steps {count!r} must be a whole number of at least 1"):
         gym.make_vec(env_id, num_envs=2, max_episode_steps=count)
@@ -188,7 +188,7 @@ CUT = {
 
 @pytest.mark.parametrize("env_id", CUT)
 def test_an_episode_cut_short_has_no_perfect_scores(env_id: str) -> None:
-    vector = gym.make_vec(env_id, num_envs=2, max_episode_steps=10)
+    vector = gym.make_vec(env_id, num_envs=2, max_episode_steps=10, autoreset_mode="SameStep")
     vector.reset(seed=0)
     for step in range(1, 11):
         *_, terminated, truncated, infos = vector.step(np.zeros(vector.action_space.shape, dtype=np.float32))
@@ -202,22 +202,25 @@ def test_an_episode_cut_short_has_no_perfect_scores(env_id: str) -> None:
 
 @pytest.mark.parametrize("env_id", CUT)
 def test_a_time_limit_of_gymnasium_ends_with_the_same_info(env_id: str) -> None:
-    vector, single = gym.make_vec(env_id, num_envs=1, max_episode_steps=10), gym.make(env_id, max_episode_steps=10)
+    settings = {"max_episode_steps": 10}
+    vector, single = (
+        gym.make_vec(env_id, num_envs=1, autoreset_mode="SameStep", **settings),
+        gym.make(env_id, **settings),
+    )
     vector.reset(seed=0)
     single.reset(seed=0)
     for step in range(1, 11):
         *_, infos = vector.step(np.zeros(vector.action_space.shape, dtype=np.float32))
         *_, truncated, info = single.step(np.zeros(single.action_space.shape, dtype=np.float32))
-        assert truncated == ("limit_ratio" in info) == (step == 10)
+        assert truncated == (not math.isnan(info["limit_ratio"])) == (step == 10)
     for key, value in info.items():
-        if not isinstance(value, dict):
-            np.testing.assert_array_equal(infos["final_info"][key][0], value, err_msg=key)
+        np.testing.assert_array_equal(infos["final_info"][key][0], value, err_msg=key)
 
 
 def test_an_excavator_episode_cut_while_judged_has_the_errors_so_far() -> None:
     finals = []
     for settings in ({"max_episode_steps": 300}, {}):
-        vector = gym.make_vec("ExcavatorPayload-v0", num_envs=1, noise=False, **settings)
+        vector = gym.make_vec("ExcavatorPayload-v0", num_envs=1, autoreset_mode="SameStep", noise=False, **settings)
         expert = envs.make_expert("adaptive", vector)
         observation, _ = vector.reset(seed=0)
         infos: dict[str, Any] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from planners import (
     Arm,
     FixedHand,
     FixedJoints,
+    Infeasible,
     JointLimits,
     MotionProblem,
     MovingHand,
@@ -22,10 +24,11 @@ from planners import (
     dpct,
 )
 from planners.capabilities import VARIANTS
-from tools.fuzz_planners import Fuzz, broken_promises, run
+from tools.fuzz_planners import Fuzz, run
+from tools.fuzzing.promises import broken_promises
 
 SMOOTH = JointLimits(torque=(10.0, 4.0), velocity=2.0, acceleration=6.0)
-CHECKED = ("dpct/optimal", "dpct/timing", "dpct/torque", "lagrange/via", "quintic", "trapezoid")
+CHECKED = ("dpct/optimal", "dpct/timing", "dpct/torque", "lagrange/via", "quintic", "trapezoid", "any")
 
 
 def move(arm: Arm = SCARA_50CM, limits: JointLimits = SMOOTH, **changes: object) -> MotionProblem:
@@ -41,6 +44,44 @@ def test_a_share_of_the_campaign_finds_no_broken_promise(label: str) -> None:
     assert record.faults == []
     assert record.outcomes["solved"] > 0
     assert sum(record.outcomes.values()) == 12
+
+
+def test_wrong_shapes_types_and_values_are_refused_by_name() -> None:
+    record = run(Fuzz(problems=150, seed=2, planner="inputs"))["inputs"]
+    assert record.faults == []
+    assert set(record.outcomes) == {"refused", "accepted"}
+
+
+def test_the_records_of_two_runs_add_up(tmp_path: Path) -> None:
+    out = tmp_path / "records.json"
+    run(Fuzz(problems=3, planner="quintic", out=out))
+    again = run(Fuzz(problems=6, planner="quintic,trapezoid", out=out))
+    assert again["quintic"].next == again["trapezoid"].next == 6
+    whole = run(Fuzz(problems=6, planner="quintic"))["quintic"]
+    assert again["quintic"].outcomes == whole.outcomes
+
+
+@pytest.mark.parametrize(
+    ("variant", "option", "value"),
+    [
+        ("optimal", "stages", 20.0),
+        ("optimal", "stages", True),
+        ("optimal", "allow_reverse", 1),
+        ("optimal", "time_weight", "0.5"),
+        ("timing", "margin", np.array([0.1, 0.2])),
+        ("timing", "contact", ["refuse"]),
+        ("torque", "stages", 2**70),
+    ],
+)
+def test_an_option_of_another_type_is_refused_by_name(variant: str, option: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f"{option} .* must be"):
+        dpct.plan(move(), variant=variant, **{option: value})
+
+
+def test_numbers_of_numpy_are_options_too() -> None:
+    plain = dpct.plan(move(), variant="timing", margin=0.05)
+    given = dpct.plan(move(), variant="timing", margin=np.array(0.05))
+    np.testing.assert_array_equal(plain.q, given.q)
 
 
 def test_the_campaign_notices_a_motion_that_breaks_its_promises() -> None:
@@ -88,5 +129,11 @@ def test_the_top_level_plan_takes_a_planner_that_can() -> None:
     assert isinstance(planners.plan(move()), Trajectory)
     blocked = move(obstacles=(Obstacle(SCARA_50CM.forward_kinematics([0.45, 0.45]), np.zeros(2), 0.03),))
     assert planners.plan(blocked).clearance >= 0.0
+    # neither a straight line nor its timing passes this disc
+    parked = move(q=np.array([-0.6, 0.6]), target=FixedJoints(np.array([0.8, 0.6])), horizon=3.0)
+    disc = Obstacle(SCARA_50CM.forward_kinematics([0.1, 0.6]), np.zeros(2), 0.04)
+    assert planners.plan(replace(parked, obstacles=(disc,))).planner == "lagrange (via)"
+    with pytest.raises(Infeasible, match=r"^collision: dpct .timing.: .*; also tried lagrange .via.: late, dpct"):
+        planners.plan(replace(parked, obstacles=(disc,), horizon=0.2))
     upright = replace(PLANAR_3R, gravity=9.81)
     assert planners.plan(move(upright, PLANAR_3R.limits)).limit_ratio <= 1.0 + 1e-6

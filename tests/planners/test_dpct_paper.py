@@ -371,5 +371,5 @@ def test_readings_are_checked(arguments: dict[str, object], message: str) -> Non
 
 
 def test_a_grid_must_have_stages_and_states() -> None:
-    with pytest.raises(ValueError, match=r"grid \(1, 100\) is too coarse"):
+    with pytest.raises(ValueError, match=r"grid \(1, 100\) must be of 2 to 2000 stages"):
         plan_paper(paper_problem(), grid=(1, 100))

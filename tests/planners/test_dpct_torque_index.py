@@ -325,7 +325,7 @@ def test_a_limit_of_jerk_is_refused() -> None:
 
 def test_time_and_torque_index_are_the_planners_own() -> None:
     motion = plan(move(PLANAR_3R, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 1.0))
-    assert motion.planner == "dpct (torque index)"
+    assert motion.planner == "dpct (torque)"
     assert motion.rendezvous_time == motion.duration == 1.0
     assert motion.cost == pytest.approx(np.trapezoid(np.abs(motion.tau).sum(axis=1), motion.t))
     assert motion.cost < 3.12  # the quintic's is 5.50
@@ -356,7 +356,7 @@ def test_options_are_checked() -> None:
     problem = move(ROD, [0.0], [1.0], 2.0)
     with pytest.raises(ValueError, match="'PI3' must be one of 'PI1', 'PI2'"):
         plan(problem, objective="PI3")
-    with pytest.raises(ValueError, match="stages 5 must be at least 10"):
+    with pytest.raises(ValueError, match="stages 5 must be from 10"):
         plan(problem, stages=5)
     with pytest.raises(ValueError, match=r"goes to a target of kind joints or hand, not moving hand; .*dpct .optimal"):
         plan(MotionProblem(SCARA_1M, np.array([0.0, 1.0]), MovingHand(np.ones(2), np.ones(2)), 2.0))

@@ -7,10 +7,14 @@ import importlib
 import inspect
 import pkgutil
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
+import pytest
 from numba.core.dispatcher import Dispatcher
 
 import envs
@@ -53,3 +57,54 @@ def test_no_compiled_function_gives_python_a_named_tuple() -> None:
         if isinstance(called, Dispatcher) and gives_named_tuple(called)
     ]
     assert found == []
+
+
+# Plans of every kind, interrupted at random instants; a crash ends the process with a signal.
+INTERRUPTED = """
+import faulthandler, random, signal, sys, time
+import planners
+from planners import SCARA_1M, FixedJoints, JointLimits, MotionProblem, MovingHand
+
+faulthandler.enable()
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+limits = JointLimits(angle=(3.0, 2.9), velocity=(3.0, 3.0), acceleration=(20.0, 20.0), torque=(900.0, 400.0))
+part = MovingHand([-0.9, 1.732], [0.2, 0.0])
+belt = MotionProblem(arm=SCARA_1M, q=SCARA_1M.inverse_kinematics([-0.8, 1.732])[0], target=part, horizon=3.0)
+rest = MotionProblem(arm=SCARA_1M, q=[0.1, 1.0], target=FixedJoints([0.6, 1.5]), horizon=2.0, limits=limits)
+draw = random.Random(1).uniform
+for planner, variant, problem in (
+    (planners.dpct, "optimal", belt),
+    (planners.dpct, "timing", rest),
+    (planners.dpct, "torque", rest),
+    (planners.lagrange, "via", rest),
+    (planners.apf, "field", belt),
+):
+    def plan():
+        try:
+            planner.plan(problem, variant=variant)
+        except planners.Infeasible:
+            pass
+    plan()
+    start = time.perf_counter()
+    plan()
+    taken, met = time.perf_counter() - start, 0
+    end = time.perf_counter() + 20.0
+    while met < 30 and time.perf_counter() < end:
+        try:
+            signal.setitimer(signal.ITIMER_REAL, draw(1e-4, 1.5 * taken))
+            plan()
+            plan()
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        except KeyboardInterrupt:
+            met += 1
+    print(variant, met)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs signal.setitimer")
+def test_an_interrupt_anywhere_in_a_plan_is_a_keyboard_interrupt() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    met = dict(line.split() for line in done.stdout.splitlines())
+    assert list(met) == ["optimal", "timing", "torque", "via", "field"]
+    assert all(int(count) >= 5 for count in met.values()), met

@@ -135,9 +135,16 @@ class TestLimitRatios:
         values = {"torque": tau, "velocity": qd, "acceleration": qdd, "jerk": jerk, "angle": q - [1.0, 0.0]}
         for kind, x in values.items():
             worst = float(np.max(np.abs(x) / self.LIMITS.array(kind)))  # type: ignore[arg-type]
-            loose = 0.1 if kind == "jerk" else 1e-4  # the jerk is a mean over a quarter of an interval
-            assert motion.limit_ratios[kind] == pytest.approx(worst, rel=loose), kind
+            assert motion.limit_ratios[kind] == pytest.approx(worst, rel=1e-4), kind
         assert motion.limit_ratio == max(motion.limit_ratios.values())
+
+    def test_that_of_jerk_is_not_less_than_the_interpolation_has_anywhere(self) -> None:
+        t, rate = np.linspace(0.0, 2.0, 7)[:, None], np.array([3.0, 2.0])
+        rows = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+        motion = sampled_trajectory(problem(JointLimits(jerk=1.0)), t[:, 0], *rows, planner="test")
+        dense = np.linspace(0.0, motion.duration, 20_001)
+        jerk = np.abs(np.diff(motion.at(dense)[2], axis=0)) / dense[1]
+        assert jerk.max() <= motion.limit_ratios["jerk"] * (1.0 + 1e-6)
 
     def test_no_limit_gives_zero(self) -> None:
         motion = motion_of(UNEVEN, QUINTICS, problem())

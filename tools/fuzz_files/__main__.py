@@ -31,14 +31,14 @@ class Fuzz:
     """of the processor, shared equally by all kinds of file"""
     seed: int = 0
     kind: str | None = None
-    """only this one: arm, experiment, benchmark, changes, agent, trajectory or run"""
+    """only this one: arm, experiment, benchmark, changes, agent, trajectory, run or checkpoint"""
     only: int | None = None
     """only the file of this number, with the traceback"""
 
 
 def main() -> int:
     """Run the campaign; 1 if something was found."""
-    options = tyro.cli(Fuzz, description=__doc__)
+    options = tyro.cli(Fuzz, prog="python -m tools.fuzz_files", description=__doc__)
     watch()
     size = MOST_MEMORY_MIB << 20
     resource.setrlimit(resource.RLIMIT_AS, (size, resource.getrlimit(resource.RLIMIT_AS)[1]))

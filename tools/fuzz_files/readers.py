@@ -7,6 +7,7 @@ import io
 import json
 from abc import ABC, abstractmethod
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -204,6 +205,32 @@ class RunFolder(Reader):
         return curve.finished, curve.best
 
 
+class Checkpoint(Reader):
+    """The checkpoint of a training run, and the settings and origin that it must fit; needs torch."""
+
+    def write(self, folder: Path, random: Random) -> None:
+        """One of the three is changed."""
+        contents = dict(_checkpoint())
+        kind = random.randrange(4)
+        if kind == 0:
+            contents["run.json"] = json.dumps(changed(json.loads(contents["run.json"]), random)).encode()
+        elif kind == 1:
+            contents["config.yaml"] = yaml_bytes(yaml.safe_load(contents["config.yaml"]), random)
+        else:
+            contents["checkpoint.pt"] = changed_bytes(contents["checkpoint.pt"], random)
+        for name, content in contents.items():
+            (folder / name).write_bytes(content)
+
+    def read(self, folder: Path) -> object:
+        """Read them as a resumed run does, up to the networks."""
+        from agents.training.folder import check_files, check_origin
+        from agents.training.state_file import read_state
+
+        check_files(folder)
+        config = load_config(str(folder / "config.yaml"), TrainingConfig)
+        return read_state(folder / "checkpoint.pt", check_origin(folder, config))
+
+
 def _tensor(value: np.ndarray[Any, Any], random: Random) -> np.ndarray[Any, Any]:
     """An array of another shape, type or content; mostly the same."""
     kind = random.randrange(24)
@@ -233,6 +260,25 @@ def _trajectory() -> tuple[bytes, dict[str, np.ndarray[Any, Any]]]:
 
 
 @cache
+def _checkpoint() -> dict[str, bytes]:
+    """The files of a run with a checkpoint of one tensor."""
+    import torch
+
+    from agents.training.folder import check_origin
+    from agents.training.state_file import write_state
+
+    config = TrainingConfig.parse({"env": ENV, "total_steps": 200, "hidden": [4]}, "setting")
+    settings = config.model_dump(mode="json")
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "config.yaml").write_text(yaml.safe_dump(settings))
+        (folder / "run.json").write_text(json.dumps({"config": settings}))
+        state = {"steps": 3, "parameters": {"weight": torch.zeros(4, 5)}, "rows": [{"steps": 3, "success": 0.5}]}
+        write_state(folder / "checkpoint.pt", check_origin(folder, config), state)
+        return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@cache
 def _agent() -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
     """The JSON and the tensors of a small agent."""
     layout, generator = layout_of(ENV, {}), np.random.default_rng(0)
@@ -251,7 +297,8 @@ READERS: dict[str, Reader] = {
     "agent": AgentFiles(),
     "trajectory": TrajectoryFile(),
     "run": RunFolder(),
+    **({"checkpoint": Checkpoint()} if find_spec("torch") else {}),
 }
-"""All of them, by name."""
+"""All of them, by name; checkpoints where torch is installed."""
 
 __all__ = ["CANARY", "READERS", "Reader"]

@@ -34,8 +34,8 @@ SCENE_COLUMNS: Columns = {
     "outcome": lambda row: row["outcome"].replace("_", " "),
     "time": "{time:.2f}",
     "from goal": lambda row: format(1e3 * row["goal_distance"], ".0f"),
-    "hand": lambda row: format(1e3 * row["hand_clearance"], ".0f"),
-    "arm": lambda row: format(1e3 * row["arm_clearance"], ".0f"),
+    "hand": lambda row: format(1e3 * row["hand_clearance"], "z.0f"),
+    "arm": lambda row: format(1e3 * row["arm_clearance"], "z.0f"),
 }
 RANDOM_CAPTION = (
     "In range: joint angles within their limits all the way. Gained: reached here but not with the static distance and "

@@ -10,11 +10,11 @@ from __future__ import annotations
 from contextlib import closing
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents.environments import VectorEnv, make_batch
 from agents.training.recipe import Amortisation, PPOConfig
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -129,7 +129,7 @@ def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = No
     return True
 
 
-def check_motions(env: gym.vector.VectorEnv[Any, Any, Any]) -> MinTorqueMove:
+def check_motions(env: VectorEnv) -> MinTorqueMove:
     """The task of an environment whose actions are whole motions; a ValueError for another one."""
     task = env.unwrapped.task  # type: ignore[attr-defined]
     if not isinstance(task, MinTorqueMove) or task.config.control_mode != "motion":
@@ -139,7 +139,7 @@ def check_motions(env: gym.vector.VectorEnv[Any, Any, Any]) -> MinTorqueMove:
 
 def _moves(config: PPOConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
     """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
-    with closing(gym.make_vec(config.env_id, num_envs=_N_ENVS, **config.env_config)) as env:
+    with closing(make_batch(config.env_id, _N_ENVS, config.env_config)) as env:
         task = check_motions(env)
         rows: list[NDArray[np.float32]] = []
         while len(rows) * _N_ENVS < plan.moves:

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 import envs
+from agents.environments import make_batch
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -44,7 +45,7 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
         generator.bit_generator.state = state["generator"]
         observations, labels = state["observations"].numpy(), state["labels"].numpy()
         first = int(state["iterations"])
-    with closing(gym.make_vec(config.env_id, num_envs=plan.episodes, **config.env_config)) as env:
+    with closing(make_batch(config.env_id, plan.episodes, config.env_config)) as env:
         for iteration in range(first, plan.rounds):
             actor = policy if iteration else None
             visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)

@@ -33,7 +33,7 @@ from planners.typing import Array
 
 Objective = Literal["PI1", "PI2"]
 
-STAGES = 96
+STAGES, MOST_STAGES = 96, 1000
 """Steps in r, shortest at the ends, where the speed changes most."""
 
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
@@ -98,8 +98,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     if isinstance(problem.target, MovingHand):
         raise ValueError("variant 'torque' goes to a fixed target; a MovingHand is for variant 'optimal'")
     require_choice("objective", objective, get_args(Objective))
-    if stages < 10:
-        raise ValueError(f"stages {stages} must be at least 10")
+    if not 10 <= stages <= MOST_STAGES:
+        raise ValueError(f"stages {stages} must be from 10 to {MOST_STAGES}")
     if isinstance(problem.target, FixedHand):
         failure = None
         if problem.arm.n_joints in (2, 3):
@@ -270,7 +270,7 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
     qd = slope * rate[:, None]
     qdd = curvature * rate[:, None] ** 2 + slope * acceleration[:, None]
     end = float(t[-1])
-    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque index)")
+    trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque)")
     load = np.sum(trajectory.tau**2 if objective == "PI2" else np.abs(trajectory.tau), axis=1)
     return replace(trajectory, cost=float(np.trapezoid(load, trajectory.t)))
 

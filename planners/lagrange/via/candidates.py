@@ -42,6 +42,9 @@ TOUCHING = 0.005
 LONG_STEP, SHORT_STEP, CLOSING_SPEED = 0.1, 0.02, 4.0
 """Longest and shortest time between samples of the clearance, s, and largest closing speed of arm and disc, m/s."""
 
+MOST_LONG_STEPS = 500
+"""Number of longest steps after which these grow: motions that last for minutes are slow."""
+
 MARGIN_GROWTH, INTRUSION = 0.03, 100.0
 """Growth of the margin with the time ahead, m/s, and cost of zero clearance, s per s, falling to 0 at the margin."""
 
@@ -244,12 +247,13 @@ def _danger(context: Search, duration: float, until: float, best: float) -> floa
     if hit <= last and touching >= best and _gap(context, duration, hit) < TOUCHING:
         return touching
     cost = t = 0.0
+    stretch = max(1.0, last / (MOST_LONG_STEPS * LONG_STEP))
     while cost < best:
         gap = _gap(context, duration, t)
         if gap < TOUCHING:
             scratch.hit[0] = t
             return CONTACT * (1.0 + options.prediction - t)
-        step = min(LONG_STEP, max(SHORT_STEP, gap / CLOSING_SPEED))
+        step = min(stretch * LONG_STEP, max(stretch * SHORT_STEP, gap / CLOSING_SPEED))
         margin = options.margin + MARGIN_GROWTH * t
         confidence = 1.0 - t / (options.prediction + LONG_STEP)
         cost += step * confidence * INTRUSION * max(0.0, 1.0 - gap / margin)

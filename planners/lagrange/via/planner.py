@@ -11,6 +11,7 @@ cost counts time and closeness to the discs besides torque, and the duration is 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from typing import Literal, get_args
@@ -26,6 +27,7 @@ from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Found, O
 from planners.lagrange.via.curve import DEGREE, interpolate
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible, MotionProblem, MovingHand
+from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -48,11 +50,17 @@ CLEARING, SLOWEST = 0.3, 0.03
 ATTEMPTS, BACK_OFF = 4, 0.999
 """Searches with ever tighter torque limits where a motion exceeds them, and an extra factor of each."""
 
+MOST_HORIZONS = 4.0
+"""Longest horizon that is tried where the given one is too short, as a multiple of the least time of the joints."""
+
+LONGER = (1.0001, 1.1, 1.25, 1.5, 2.0)
+"""Horizons tried for the advice of a refusal, as multiples of the duration of a motion found with a longer one."""
+
 DETOUR = 1.5
 """Cost of ending in a waiting posture, as a multiple of the least time from there to a goal."""
 
-SAMPLE_STEP = 0.01
-"""Longest time between samples of the trajectory, s."""
+SAMPLE_STEP, MOST_SAMPLES = 0.01, 4000
+"""Time between samples of the trajectory, s, and their largest number: slow motions have longer steps."""
 
 Contact = Literal["refuse", "delay"]
 
@@ -112,6 +120,25 @@ def plan_via(
     situation = _situation(problem)
     assert not isinstance(problem.target, MovingHand)  # refused by what the variant takes
     goals = np.array(goal_postures(problem, problem.target, elbow))
+    try:
+        return _within_torques(problem, situation, options, goals, delay=delay)
+    except _TooLate as failure:
+        enough = None if delay else _enough(problem, situation, options, goals, failure.soonest)
+        raise _late(problem, failure.soonest, enough) from None
+
+
+class _TooLate(Exception):
+    """No motion was found within the horizon; every one takes more than ``soonest`` s."""
+
+    def __init__(self, soonest: float) -> None:
+        super().__init__(soonest)
+        self.soonest = soonest
+
+
+def _within_torques(
+    problem: MotionProblem, situation: Situation, options: Options, goals: Array, *, delay: bool
+) -> Trajectory:
+    """The best motion found that keeps the limits of torque between its samples too; raises as `_search`."""
     for _ in range(ATTEMPTS):
         trajectory = _search(problem, situation, options, goals, delay=delay)
         excess = trajectory.measured.ratios[LIMIT_KINDS.index("torque")]
@@ -122,13 +149,36 @@ def plan_via(
     return trajectory
 
 
+def _enough(
+    problem: MotionProblem, situation: Situation, options: Options, goals: Array, soonest: float
+) -> float | None:
+    """A horizon with which a motion is found, s; None if there is none up to `MOST_HORIZONS` times the least time."""
+
+    def found(horizon: float) -> Trajectory | None:
+        longer = replace(problem, horizon=horizon)
+        try:
+            trajectory = _within_torques(longer, situation._replace(horizon=horizon), options, goals, delay=False)
+            require_within_limits("", trajectory)
+            require_solved("", longer, trajectory, _TAKES.precision, "")
+        except (_TooLate, Infeasible):
+            return None
+        return trajectory
+
+    longest = MOST_HORIZONS * max(soonest, problem.horizon)
+    trajectory = found(longest)
+    if trajectory is None:
+        return None
+    horizons = (factor * max(trajectory.duration, problem.horizon) for factor in LONGER)
+    return next((horizon for horizon in horizons if horizon < longest and found(horizon)), longest)
+
+
 def _search(problem: MotionProblem, situation: Situation, options: Options, goals: Array, *, delay: bool) -> Trajectory:
     """The best motion to a goal posture ``(goals, n)``, or with ``delay`` to a waiting one; raises as `plan_via`."""
     patterns, offsets = _patterns(problem.arm.n_joints), _offsets(problem.arm.n_joints)
     ends = Stops(*list_ends(situation, options.hold, goals, offsets if delay else offsets[:0], len(patterns)))
     soonest = float(ends.soonest[: len(goals)].min())
     if soonest > problem.horizon:
-        raise _late(problem, soonest)
+        raise _TooLate(soonest)
     if not delay:
         options = _to_the_end(options, soonest, problem.horizon, bool(problem.obstacles))
     via = np.zeros((2, problem.arm.n_joints))
@@ -137,9 +187,9 @@ def _search(problem: MotionProblem, situation: Situation, options: Options, goal
         stops = Stops(*list_ends(situation, options.hold, goals, offsets, len(patterns)))
         if delay or Found(*search(situation, options, stops, patterns, via)).end < 0:
             raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
-        raise _late(problem, soonest)
+        raise _TooLate(soonest)
     if found.end >= len(goals) and not problem.obstacles:  # no reason to wait
-        raise _late(problem, soonest)
+        raise _TooLate(soonest)
     c = np.empty((problem.arm.n_joints, DEGREE + 1))
     interpolate(situation.q, situation.qd, ends.q[found.end], via, found.duration, c)
     return _trajectory(problem, c, found.duration, found.cost, waits=found.end >= len(goals))
@@ -160,13 +210,13 @@ def _require_sensible(options: Options) -> None:
             raise ValueError(f"{name} {value} must be finite and {least}")
 
 
-def _late(problem: MotionProblem, soonest: float) -> Infeasible:
-    message = f"no motion found within the limits takes {problem.horizon:.4g} s or less; allow more time"
+def _late(problem: MotionProblem, soonest: float, enough: float | None) -> Infeasible:
+    message = f"no motion found within the limits takes {problem.horizon:.4g} s or less"
     if soonest > problem.horizon:
-        message = (
-            f"the joints take {soonest:.4g} s at least, and the horizon is {problem.horizon:.4g} s; allow more time"
-        )
-    return Infeasible("late", message, minimum_time=soonest)
+        message = f"the joints take {soonest:.4g} s at least, and the horizon is {problem.horizon:.4g} s"
+    if enough is None:
+        return Infeasible("late", f"{message}; allow more time, or raise the limits", at_least=soonest)
+    return Infeasible("late", f"{message}; {enough:.5g} s are enough", minimum_time=enough, at_least=soonest)
 
 
 def _situation(problem: MotionProblem) -> Situation:
@@ -246,7 +296,7 @@ def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
 
 def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, *, waits: bool) -> Trajectory:
     """Sample an interpolant."""
-    t = np.linspace(0.0, duration, max(2, math.ceil(duration / SAMPLE_STEP)) + 1)
+    t = np.linspace(0.0, duration, min(max(2, math.ceil(duration / SAMPLE_STEP)), MOST_SAMPLES) + 1)
     q, qd, qdd = (
         np.asarray(polyval(t / duration, polyder(c.T, order)).T / duration**order, dtype=np.float64)
         for order in range(3)

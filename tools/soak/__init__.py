@@ -99,8 +99,8 @@ def soak(env_id: str, mode: str, options: Soak) -> Record:
     """Step a batch of an environment in a control mode."""
     record = Record(f"{env_id} {mode}")
     generator = np.random.default_rng([options.seed, len(env_id), len(mode)])
-    batch = gym.make_vec(env_id, num_envs=options.num_envs, control_mode=mode)
-    alone = gym.make_vec(env_id, num_envs=1, control_mode=mode)
+    batch = gym.make_vec(env_id, num_envs=options.num_envs, control_mode=mode, autoreset_mode="SameStep")
+    alone = gym.make_vec(env_id, num_envs=1, control_mode=mode, autoreset_mode="SameStep")
     space: Any = batch.single_observation_space
     shape = batch.single_action_space.shape or ()
     began = time.perf_counter()
@@ -223,7 +223,7 @@ def _held() -> tuple[int, int]:
 
 def main() -> int:
     """Run the soak; 1 if something was found."""
-    options = tyro.cli(Soak, description=__doc__)
+    options = tyro.cli(Soak, prog="python -m tools.soak", description=__doc__)
     found = 0
     runs = [
         (env_id, mode) for env_id in ([options.env] if options.env else envs.env_ids()) for mode in modes_of(env_id)
@@ -239,7 +239,3 @@ def _shown(record: Record) -> int:
     """Print a record with its faults; how many there are."""
     print("\n    ".join([str(record), *record.faults]), flush=True)
     return len(record.faults)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

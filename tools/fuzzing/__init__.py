@@ -1,0 +1,1 @@
+"""Parts of the campaign of random planning problems, `tools.fuzz_planners`."""
