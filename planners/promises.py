@@ -35,10 +35,13 @@ def require_within_limits(name: str, trajectory: Trajectory) -> None:
         kind = int(np.argmax(np.where(kept, -1.0, measured.ratios)))
         joint, what, ratio = int(measured.joints[kind]), LIMIT_KINDS[kind], float(measured.ratios[kind])
         limit = float(problem.joint_limits.array(what)[joint])
+        limited = f"its {what} limit of {limit:.4g} {UNITS[what]} at {measured.times[kind]:.4g} s"
+        excess = f"takes joint {joint + 1} to {ratio:.4g} times {limited}; allow more time, or raise the limit"
+        if math.isinf(ratio):
+            excess = f"has a jump of joint {joint + 1} in spite of {limited}; leave the limit out, or start at rest"
         raise Infeasible(
             "limits",
-            f"the motion of {name} takes joint {joint + 1} to {ratio:.4g} times its {what} limit of {limit:.4g} "
-            f"{UNITS[what]} at {measured.times[kind]:.4g} s; allow more time, or raise the limit",
+            f"the motion of {name} {excess}",
             joint=joint,
             kind=what,
             ratio=ratio,

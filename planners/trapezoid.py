@@ -64,7 +64,8 @@ def plan(problem: MotionProblem, *, contact: Contact = "refuse") -> Trajectory:
         if excess <= 1.0:
             break
         share *= BACK_OFF / excess
-    if motion.duration > problem.horizon:
+    # where weight alone exceeds a limit, no time is enough
+    if motion.duration > problem.horizon and motion.limit_ratios["torque"] <= 1.0:
         message = f"the straight move takes {motion.duration:.4g} s; allow that much"
         raise Infeasible("late", message, minimum_time=motion.duration)
     return motion

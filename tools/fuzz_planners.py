@@ -213,7 +213,8 @@ def _untrue(case: Case, refusal: Infeasible) -> list[str]:
     try:
         entry.plan(replace(problem, horizon=max(enough, problem.horizon) * ENOUGH), **given)
     except Infeasible as failure:
-        faults.append(f"remedy: {refusal}; yet with {ENOUGH} times that: {failure}")
+        if failure.reason != "collision":  # that is another matter
+            faults.append(f"remedy: {refusal}; yet with {ENOUGH} times that: {failure}")
     return faults
 
 
