@@ -42,8 +42,8 @@ Every key is there at the reset and at every step. Until it is known, a number i
 | `is_success` | always | whether the task is solved |
 {rewards}
 {outcomes}
-| `limit_ratio` | at the end | worst value / limit of all kinds |
-| `limit_ratios` | at the end | worst value / limit of each kind: {kinds}; an array |
+| `limit_ratio` | always | worst value / limit of all kinds so far |
+| `limit_ratios` | always | worst value / limit so far of each kind: {kinds}; an array |
 
 The end is also where Gymnasium's `TimeLimit` (`max_episode_steps`) cuts an episode.
 

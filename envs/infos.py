@@ -16,12 +16,35 @@ if TYPE_CHECKING:
 Info = dict[str, Any]
 
 
+class Unknown(np.float64):
+    """NaN that equals itself: Gymnasium compares the infos of two equal episodes by ``==``."""
+
+    def __new__(cls) -> Unknown:
+        """The one value that there is."""
+        return super().__new__(cls, math.nan)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unknown)
+
+    def __ne__(self, other: object) -> bool:
+        return not isinstance(other, Unknown)
+
+    def __hash__(self) -> int:
+        return hash(Unknown)
+
+    def __repr__(self) -> str:
+        return "nan"
+
+    def __reduce__(self) -> tuple[type[Unknown], tuple[()]]:
+        return Unknown, ()
+
+
 class TaskInfos:
     """Writes the infos of a task's environments, one by one or in Gymnasium's vector form.
 
-    The keys are ``is_success``, ``reward_<term>``, the task's outcomes, ``limit_ratio`` (the worst of all kinds) and
-    ``limit_ratios`` (in the order of `LIMIT_KINDS`). What is not known is NaN, or False where it is a bool: reward
-    terms at a reset, outcomes and limits before the end of an episode.
+    The keys are ``is_success``, ``reward_<term>``, the task's outcomes, ``limit_ratio`` (the worst of all kinds so far)
+    and ``limit_ratios`` (the worst so far of each, in the order of `LIMIT_KINDS`). What is not known is NaN, or False
+    where it is a bool: reward terms at a reset, outcomes before the end of an episode.
     """
 
     def __init__(self, task: Task) -> None:
@@ -30,25 +53,23 @@ class TaskInfos:
         bools = ["is_success", *(name for name in task.outcomes if name in task.boolean_outcomes)]
         numbers = [*self._terms, *(name for name in task.outcomes if name not in bools), "limit_ratio"]
         keys = ["is_success", *self._terms, *task.outcomes, "limit_ratio", "limit_ratios"]
-        self._unknown_ratios = np.full(len(LIMIT_KINDS), math.nan)
-        self._unknown: Info = {key: key not in bools and math.nan for key in keys}
+        unknown = Unknown()
+        self._unknown: Info = {key: False if key in bools else unknown for key in keys}
         self._bools, self._numbers, self._masks = bools, numbers, [f"_{key}" for key in keys]
 
     def at_reset(self) -> Info:
         """Info of one environment at the start of an episode."""
-        return {**self._unknown, "limit_ratios": self._unknown_ratios.copy()}
+        return {**self._unknown, "limit_ratio": 0.0, "limit_ratios": np.zeros(len(LIMIT_KINDS))}
 
     def at_step(self, env_index: int, *, ended: bool) -> Info:
         """Info of one environment after a step, which has ended the episode or not."""
         record, info = self._records[env_index], self._unknown.copy()
         info["is_success"] = bool(record["success"])
         info.update(zip(self._terms, record["reward_terms"].tolist(), strict=True))
+        info["limit_ratios"] = ratios = record["limit_ratios"].copy()
+        info["limit_ratio"] = max(ratios.tolist())
         if ended:
             info.update(self._outcome(env_index))
-            info["limit_ratios"] = record["limit_ratios"].copy()
-            info["limit_ratio"] = float(info["limit_ratios"].max())
-        else:
-            info["limit_ratios"] = self._unknown_ratios.copy()
         return info
 
     def of_batch(
@@ -68,7 +89,8 @@ class TaskInfos:
         batch, n = self._records, len(self._records)
         numbers = np.full((len(self._numbers), n), math.nan)
         bools = np.zeros((len(self._bools), n), dtype=np.bool_)
-        ratios = np.full((n, len(LIMIT_KINDS)), math.nan)
+        ratios = batch["limit_ratios"].copy()
+        numbers[-1] = ratios.max(axis=1)
         numbers[: len(self._terms)] = batch["reward_terms"].T
         bools[0] = batch["success"]
         if begun is not None:
@@ -76,8 +98,6 @@ class TaskInfos:
             bools[0, begun] = False
         infos: Info = {**_by_name(self._bools, bools), **_by_name(self._numbers, numbers), "limit_ratios": ratios}
         if ended is not None:
-            ratios[ended] = batch["limit_ratios"][ended]
-            infos["limit_ratio"][ended] = ratios[ended].max(axis=1)
             for env_index in np.flatnonzero(ended).tolist():
                 for key, value in self._outcome(env_index).items():
                     infos[key][env_index] = value

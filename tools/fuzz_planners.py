@@ -126,7 +126,8 @@ def run(options: Fuzz) -> dict[str, Record]:
 def _next(key: str, entry: capabilities.Variant | None, options: Fuzz, record: Record) -> None:
     """Draw and try the next problem of a record."""
     number, show = record.next, options.only is not None
-    signal.setitimer(signal.ITIMER_PROF, HOPELESS)
+    if options.out is not None:  # then the process may end here, because the campaign can go on
+        signal.setitimer(signal.ITIMER_PROF, HOPELESS)
     record.next += 1
     generator = _generator(options.seed, key, number)
     began = time.process_time()
@@ -144,6 +145,8 @@ def _next(key: str, entry: capabilities.Variant | None, options: Fuzz, record: R
             _attempt(_case(_generator(options.seed, "between", number), entry))
             if _attempt(case)[2] != result:
                 faults.append("the same problem, planned again, gives other bits")
+    if options.out is not None:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
     record.outcomes[outcome] += 1
     if spent > SLOW:
         faults.append(f"takes {spent:.1f} s")

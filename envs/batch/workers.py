@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import weakref
+from _thread import start_new_thread
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import wraps
+from functools import partial, wraps
 from itertools import pairwise
+from queue import SimpleQueue
 from threading import Lock
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
@@ -14,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ENVS_PER_THREAD = 32  # below this a second thread costs more than it brings
+
+_Jobs = SimpleQueue["partial[None] | None"]
+_Results = SimpleQueue["BaseException | None"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -49,6 +54,9 @@ def refuse_second(call: str, owner: object) -> NoReturn:
 class Workers:
     """Runs compiled work on a batch, in slices on several threads if it is large.
 
+    The threads are plain ones behind queues written in C: an interrupt in `concurrent.futures` can leave one of its
+    locks taken for ever.
+
     Args:
         work: advances environments ``first`` to ``last - 1``.
         count: number of environments.
@@ -61,7 +69,7 @@ class Workers:
         self._slices = list(pairwise(np.linspace(0, count, threads + 1).astype(int).tolist()))
         self._turns = [Lock() for _ in self._slices]
         self._ticket: object | None = None
-        self._pool: tuple[int, ThreadPoolExecutor] | None = None
+        self._started: tuple[int, weakref.finalize[[list[_Jobs]], Workers], list[_Jobs]] | None = None
 
     @property
     def threads(self) -> int:
@@ -71,17 +79,17 @@ class Workers:
     def run(self, resting: NDArray[np.bool_] | None = None) -> None:
         """Work on all that does not rest. When it returns or raises, also by an interrupt, no thread is at work."""
         self.settle()
-        ticket = self._ticket = object()
+        ticket, results = object(), _Results()
+        self._ticket = ticket
         try:
-            pool = self._executor()
-            jobs = [
-                pool.submit(self._slice, ticket, turn, *ends, resting)
-                for turn, ends in zip(self._turns, self._slices, strict=True)
-            ]
-            for job in jobs:
-                job.result()
+            for jobs, turn, ends in zip(self._threads(), self._turns, self._slices, strict=True):
+                jobs.put(partial(self._slice, ticket, results, turn, *ends, resting))
+            errors = [results.get() for _ in self._slices]
         finally:
             self.settle()
+        for error in errors:
+            if error is not None:
+                raise error
 
     def settle(self) -> None:
         """Let no slice begin any more, and wait for those that are at work.
@@ -96,9 +104,9 @@ class Workers:
     def close(self) -> None:
         """Stop the threads; may be called twice."""
         self.settle()
-        if self._pool is not None:
-            self._pool[1].shutdown(wait=False)
-            self._pool = None
+        if self._started is not None:
+            self._started[1]()
+            self._started = None
 
     def work_without(self, resting: NDArray[np.bool_], first: int, last: int) -> None:
         """Work on what does not rest of a slice, on this thread."""
@@ -107,17 +115,46 @@ class Workers:
             if not resting[begin]:
                 self._work(begin, end)
 
-    def _slice(self, ticket: object, turn: Lock, first: int, last: int, resting: NDArray[np.bool_] | None) -> None:
+    def _slice(
+        self,
+        ticket: object,
+        results: _Results,
+        turn: Lock,
+        first: int,
+        last: int,
+        resting: NDArray[np.bool_] | None,
+    ) -> None:
         with turn:
-            if self._ticket is not ticket:
-                return
-            if resting is None:
-                self._work(first, last)
-            else:
-                self.work_without(resting, first, last)
+            try:
+                if self._ticket is ticket:
+                    if resting is None:
+                        self._work(first, last)
+                    else:
+                        self.work_without(resting, first, last)
+                results.put(None)
+            except BaseException as error:
+                results.put(error)
 
-    def _executor(self) -> ThreadPoolExecutor:
-        # Threads do not survive a fork, so a pool belongs to the process that made it.
-        if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = (os.getpid(), ThreadPoolExecutor(len(self._slices), thread_name_prefix="planarm"))
-        return self._pool[1]
+    def _threads(self) -> list[_Jobs]:
+        """A queue of jobs for each thread, which belongs to the process that began it: it does not survive a fork."""
+        if self._started is None or self._started[0] != os.getpid():
+            queues = [_Jobs() for _ in self._slices]
+            for jobs in queues:
+                start_new_thread(_serve, (jobs,))
+            self._started = os.getpid(), weakref.finalize(self, _stop, queues), queues
+        return self._started[2]
+
+
+def _serve(jobs: _Jobs) -> None:
+    """Do jobs until there is a None."""
+    while True:
+        job = jobs.get()
+        if job is None:
+            return
+        job()
+        del job  # with its batch
+
+
+def _stop(queues: list[_Jobs]) -> None:
+    for jobs in queues:
+        jobs.put(None)

@@ -124,7 +124,7 @@ def _loads(
         if jerks:
             for j in range(n):
                 if limits[JERK, j] < np.inf:
-                    jerk = _jerk(h, i, j, q, qd, qdd, rounding)
+                    jerk = _jerk(t[i + 1], h, i, j, q, qd, qdd, rounding)
                     _raise(ratios, joints, times, JERK, j, t[i], jerk / limits[JERK, j])
     return ratios, joints, times
 
@@ -159,13 +159,14 @@ def _may_exceed(inner: Array, limits: Array, worst: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _jerk(h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: float) -> float:
-    """Largest jerk of joint ``j`` in interval ``i``; inf for a jump of the acceleration."""
+def _jerk(end: float, h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: float) -> float:
+    """Largest jerk of joint ``j`` in interval ``i``, which ends at a time; inf for a jump of the acceleration."""
     change = abs(qdd[i + 1, j] - qdd[i, j])
     if h <= 0.0:
         return np.inf if change > JUMP / ROUNDING * rounding else 0.0
-    # rounding of the angles, which an interpolation divides by the square of the interval
-    blur = rounding + 60.0 * 2.2e-16 * (abs(q[i, j]) + abs(q[i + 1, j])) / (h * h)
+    # rounding of the angles and of the times, which an interpolation divides by the square of the interval
+    size = abs(q[i, j]) + abs(q[i + 1, j]) + end * (abs(qd[i, j]) + abs(qd[i + 1, j]))
+    blur = rounding + 60.0 * 2.2e-16 * size / (h * h)
     most = peak_jerk(h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])
     return float(max(max(0.0, change - rounding) / h, most - PARTS * blur / h))
 

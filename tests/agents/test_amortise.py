@@ -95,9 +95,9 @@ def test_a_run_amortises_and_can_be_repeated(tmp_path: Path) -> None:
 
 def test_other_environments_are_refused(tmp_path: Path) -> None:
     config = TrainingConfig.parse({**SMALL, "env_config": {}, "whole_episodes": False}, "training setting")
-    run = TrainingRun.begin(tmp_path / "run", config, "test")
     with pytest.raises(ValueError, match="amortise needs MinTorqueMove-v0 with control_mode motion"):
-        run.train()
+        TrainingRun.begin(tmp_path / "run", config, "test")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_step_is_an_episode_in_every_environment() -> None:

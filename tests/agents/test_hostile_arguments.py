@@ -98,6 +98,13 @@ REFUSED = [
     ("paper-excavator --rate 1e-9", "rate 1e-09 samples/s must be from 10"),
     ("paper-excavator --payloads nan", "payload nan %"),
     ("paper-apf --dpi 99", "give --plot too"),
+    ("play Nope-v0 --no-browser", 'unknown environment "Nope-v0"'),
+    ("play --policies nobody --no-browser", '"nobody"'),
+    ("play --seed -1 --no-browser", "seed"),
+    ("play --port 99999 --no-browser", "port 99999 cannot be used"),
+    ("report", "results"),
+    ("report missing.json", "missing.json"),
+    ("report 'mk[/b]run.json'", "mk[/b]run.json"),
 ]
 
 
