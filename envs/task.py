@@ -188,6 +188,12 @@ class Task(ABC):
         self._batch.reset(int(record["env_index"]))
 
     @exclusive
+    def take_over(self, other: Task) -> None:
+        """Continue the episodes of another task object whose settings differ in the payload at most."""
+        self._batch.take_over(other._batch)
+        self._ready = other._ready
+
+    @exclusive
     def change(self, env_index: int, control: Control, *value: Any) -> bool:
         """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says."""
         record = self._batch.record(env_index)

@@ -25,6 +25,9 @@ from planners.typing import Array
 YOU = "you"
 """Name of the policy whose hand follows the mouse."""
 
+PAYLOAD = "payload"
+"""Key of the payload among the numbers that can be changed."""
+
 TRAIL = 90
 """Hand positions that are shown behind the hand."""
 
@@ -62,16 +65,18 @@ class PlayedPolicy:
     info: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._env: Any = make_one(self.env_id, self.named.settings(self.settings))
-        unwrapped: Any = self._env.unwrapped
-        self.task: Task = unwrapped.task
         self.card: TaskCard = task_card(self.env_id)
-        policy: Any = self._follower() if self.named.name == YOU else self.named.policy
-        self._actor = Actor(policy, self._env, self.named.name)
-        self._acting = self._actor
-        self._brake: Actor | None = None
+        self._enter(make_one(self.env_id, self.named.settings(self.settings)))
         self._waiting: dict[str, tuple[Any, ...]] = {}
         self._trail: list[Array] = []
+
+    def _enter(self, env: Any) -> None:
+        """Act in an environment from now on."""
+        self._env = env
+        self.task: Task = env.unwrapped.task
+        policy: Any = self._follower() if self.named.name == YOU else self.named.policy
+        self._actor = self._acting = Actor(policy, env, self.named.name)
+        self._brake: Actor | None = None
 
     def begin(self, seed: int, options: Mapping[str, Any]) -> None:
         """Begin the episode of a seed; raises as ``reset``."""
@@ -114,6 +119,30 @@ class PlayedPolicy:
             self._observation = self._env.unwrapped.resume()
         self.changed = True
 
+    @property
+    def heaviest(self) -> float | None:
+        """Largest payload that `load` takes, kg; None where it is not the task's to be loaded."""
+        return 0.5 * self.task.arm.masses[-1] if self.card.links else None
+
+    def load(self, mass: float) -> None:
+        """Give the hand another unknown payload, kg; nobody plans anew.
+
+        Raises:
+            ValueError: for a payload that is not allowed.
+        """
+        if self.heaviest is None or not 0.0 <= mass <= self.heaviest:
+            raise ValueError(f"payload {mass} kg must be from 0 to {self.heaviest or 0.0:g} kg")
+        self.settings = {**self.settings, "payload": mass}
+        env, before = make_one(self.env_id, self.named.settings(self.settings)), self._env
+        env.reset(seed=0)
+        unwrapped: Any = env.unwrapped
+        unwrapped.task.take_over(self.task)
+        if not self.ended:
+            self._observation = unwrapped.resume()
+        self._enter(env)
+        before.close()
+        self.changed = True
+
     def picture(self) -> dict[str, Any]:
         """What a page draws: scene, plan ahead, points that can be dragged, numbers of the controls, and the result."""
         record = self.task.batch[0]
@@ -122,7 +151,7 @@ class PlayedPolicy:
             "scene": scene_document(self.task.scene(0, self._trail)),
             "plan": _rounded(self._plan()),
             "points": {each.key: _rounded(each.read(self.task, record)) for each in self._controls(points=True)},
-            "numbers": {each.key: each.read(self.task, record) for each in self._controls(points=False)},
+            "numbers": self._numbers(record),
             "ended": self.ended,
             "changed": self.changed,
             "refusal": "" if self.ended or self._waiting else getattr(self._actor.policy, "refusal", ""),
@@ -133,6 +162,10 @@ class PlayedPolicy:
     def close(self) -> None:
         """Close the environment."""
         self._env.close()
+
+    def _numbers(self, record: Any) -> dict[str, float]:
+        numbers = {each.key: each.read(self.task, record) for each in self._controls(points=False)}
+        return numbers if self.heaviest is None else {**numbers, PAYLOAD: self.task.config.payload}
 
     def _controls(self, *, points: bool) -> list[Control]:
         return [each for each in self.card.controls if (each.span is None) == points]

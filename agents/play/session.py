@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from agents.environments import check_names, make_batch, task_type
-from agents.play.actor import YOU, Mouse, PlayedPolicy
+from agents.play.actor import PAYLOAD, YOU, Mouse, PlayedPolicy
 from agents.policies.files import shipped_agents
 from agents.policies.lookup import SHIPPED, NamedPolicy, find_policy
 from envs.card import env_ids, task_card
@@ -30,7 +30,7 @@ class Choice(Settings):
         policies: up to three.
         seed: of the episode.
         arm: a preset's name; the task's own when left out.
-        payload: unknown point mass at the hand, kg; in tasks that draw one, a control changes it.
+        payload: unknown point mass at the hand when the episode begins, kg.
         scenario: option of the reset.
     """
 
@@ -161,7 +161,11 @@ class Session:
         for played in self._played:
             if message.point is not None:
                 played.change(str(message.key), np.array(message.point), message.index)
-            elif message.number is not None:
+            elif message.number is None:
+                raise ValueError(f"{message.key} needs a point or a number")
+            elif message.key == PAYLOAD and played.heaviest is not None:
+                played.load(message.number)
+            else:
                 played.change(str(message.key), message.number)
 
     def _choose(self, choice: Choice) -> dict[str, Any]:
@@ -201,13 +205,16 @@ class Session:
         for played in self._played:
             played.begin(choice.seed, _options(choice))
         self._choice, self._due = choice, 0.0
-        task, card = self._played[0].task, self._played[0].card
+        task, card, heaviest = self._played[0].task, self._played[0].card, self._played[0].heaviest
+        controls = [{"key": each.key, "title": each.title, "span": each.span} for each in card.controls]
+        if heaviest is not None:
+            controls.append({"key": PAYLOAD, "title": "unknown payload (kg)", "span": (0.0, heaviest)})
         return {
             "kind": "episode",
             "choice": choice.model_dump(),
             "view": list(task.view),
             "period": task.config.control_period,
-            "controls": [{"key": each.key, "title": each.title, "span": each.span} for each in card.controls],
+            "controls": controls,
         }
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from envs.batch.records import Fields, Records, make_records, public_bytes, public_view
 from envs.batch.state import Episodes, State, rows
 from envs.batch.workers import Workers
-from envs.physics.rigid_bodies import World
+from envs.physics.rigid_bodies import World, place_arm_of
 from planners import Arm
 from planners.typing import Array
 
@@ -80,6 +80,16 @@ class Batch:
             self._workers.run(resting)
         else:
             self._workers.work_without(resting, 0, len(self.records))
+
+    def take_over(self, other: Batch) -> None:
+        """Continue the episodes of another batch of the same task and arm, whose payload may be another."""
+        other.settle()
+        self.settle()
+        self._bytes[...] = other._bytes
+        for env_index, table in enumerate(other._tables):
+            self._place_table(env_index, table)
+            place_arm_of(self.records, self.model, env_index)
+            self.refresh(env_index)
 
     def settle(self) -> None:
         """Wait for threads that an interrupt has left at work."""

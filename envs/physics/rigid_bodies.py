@@ -201,6 +201,12 @@ def place_arm(env: Any, model: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
+def place_arm_of(batch: Any, model: Any, index: int) -> None:
+    """Place the bodies of one environment of a batch as its record has them."""
+    place_arm(batch[index], model[0])
+
+
+@njit(cache=True, nogil=True)
 def remove_joints(env: Any) -> None:
     """Remove the joints of one environment from its space.
 

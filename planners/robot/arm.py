@@ -16,6 +16,9 @@ from planners.robot.limits import EveryJoint
 from planners.robot.limits import JointLimits as JointLimits
 from planners.typing import Array
 
+MOST = 1e9
+"""Largest length (m), mass (kg) or moment of inertia (kg m^2) of a link: squares and products of them stay finite."""
+
 
 @dataclass(frozen=True, init=False)
 class Arm:
@@ -275,6 +278,8 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
         sign: Sign = "not negative" if kind in ("coms", "inertias") else "positive"
         if not all(math.isfinite(value) and (value > 0.0 or (value == 0.0 and sign != "positive")) for value in values):
             raise ValueError(f"{name}: {kind} {values} must be finite and {sign}")
+        if max(values) > MOST:
+            raise ValueError(f"{name}: {kind} {values} must be at most {MOST:g}")
     return links
 
 

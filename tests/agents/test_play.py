@@ -121,6 +121,30 @@ def test_discs_and_goals_move_and_the_fields_answer(session: Session) -> None:
     np.testing.assert_allclose(hand(policy), [-0.5, -0.5], atol=0.03)
 
 
+@pytest.mark.parametrize(("env", "name"), [("ConveyorTrack-v0", "apf"), ("MinTorqueMove-v0", "lagrange")])
+def test_the_payload_changes_while_the_arm_moves(session: Session, env: str, name: str) -> None:
+    described = chosen(session, env, name)
+    (control,) = [each for each in described["controls"] if each["key"] == "payload"]
+    (before,) = played(session, 0.3)
+    session.take(Message(do="change", key="payload", number=0.9 * control["span"][1]))
+    (after,) = played(session, 0.0)
+    assert after["scene"]["joints"] == before["scene"]["joints"]
+    assert (before["numbers"]["payload"], after["numbers"]["payload"]) == (0.0, 0.9 * control["span"][1])
+    session.take(Message(do="change", key="payload", number=0.0))
+    (loaded,) = played(session, 0.2)
+    assert loaded["scene"]["time"] == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="must be from 0 to"):
+        session.take(Message(do="change", key="payload", number=9.0))
+
+
+def test_a_payload_makes_the_arm_miss(session: Session) -> None:
+    chosen(session, "MinTorqueMove-v0", "lagrange")
+    session.take(Message(do="change", key="payload", number=0.45))
+    (policy,) = played(session, 4.0)
+    assert policy["ended"]
+    assert not policy["success"]
+
+
 def test_the_bucket_is_filled_while_it_moves(session: Session) -> None:
     chosen(session, "ExcavatorPayload-v0", "adaptive")
     played(session, 1.0)

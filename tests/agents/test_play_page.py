@@ -143,7 +143,7 @@ def test_two_pages_do_not_disturb_each_other(page: Any, browser: Any, address: s
     page.keyboard.press("Space")
     for other in opened(browser, address):
         other.select_option("#task", "ObstacleDodge-v0")
-        other.wait_for_function("document.querySelectorAll('#sliders input').length === 1")
+        other.wait_for_function("document.querySelectorAll('#sliders input').length === 2")
         other.wait_for_function("parseFloat(document.getElementById('clock').textContent) > 0.3", timeout=20_000)
     assert page.input_value("#task") == "ConveyorTrack-v0"
     assert page.text_content("#run") == "Run"
