@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import webbrowser
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
 
 import envs
-from agents.console import say
-from agents.environments import import_env
+from agents.console import INTERRUPTED, say
+from agents.environments import check_seed, import_env
+from agents.play.session import Choice, Message, Session
 from agents.yaml_config import assigned
 from envs.experts import expert_names
 
@@ -48,17 +50,9 @@ class PlayOptions:
 
 def run(options: PlayOptions) -> int:
     """Serve the page until Ctrl-C; the exit code."""
-    try:
-        import uvicorn
-
-        from agents.play.server import HOST, application, open_socket
-        from agents.play.session import Choice, Message, Session
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("uvicorn", "starlette", "websockets"):
-            raise
-        raise ModuleNotFoundError(f'planarm play needs {error.name}; run: pip install "planarm[web]"') from None
     env_id = import_env(options.env)
     envs.task_card(env_id)  # raises for an unknown id
+    check_seed(options.seed)
     policies = options.policies or (expert_names(env_id)[0],)
     settings = assigned({}, options.settings)
     first: dict[str, Any] = {"env": env_id, "policies": policies, "seed": options.seed}
@@ -67,6 +61,14 @@ def run(options: PlayOptions) -> int:
         trial.take(Message(do="choose", choice=Choice.parse(first, "play option")))
     finally:
         trial.close()
+    try:
+        import uvicorn
+
+        from agents.play.server import HOST, application, open_socket
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("uvicorn", "starlette", "websockets"):
+            raise
+        raise ModuleNotFoundError(f'planarm play needs {error.name}; run: pip install "planarm[web]"') from None
     listening = open_socket(options.port)
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
     served = application(first, settings=settings, allow_code=options.allow_code)
@@ -74,6 +76,6 @@ def run(options: PlayOptions) -> int:
     say(f"playing at {address} (Ctrl-C ends it)")
     if options.browser:
         webbrowser.open(address)
-    with listening:
+    with listening, suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
-    return 0
+    return INTERRUPTED
