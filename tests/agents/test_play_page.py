@@ -123,6 +123,7 @@ def test_policies_switch_and_overlay(page: Any) -> None:
     page.wait_for_function("document.querySelectorAll('canvas').length === 3")
     page.keyboard.press("g")
     page.wait_for_function("document.querySelectorAll('canvas').length === 1")
+    page.wait_for_function("document.querySelector('.view h2').textContent.includes('dpct')")
     assert [name in page.locator(".view h2").text_content() for name in ("dpct", "lagrange", "apf")] == [True] * 3
     page.keyboard.press("g")
     page.get_by_role("button", name="dpct", exact=True).click()
