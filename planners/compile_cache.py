@@ -106,7 +106,7 @@ def temporary_folder(warning: str) -> Path:
 def is_private(folder: Path) -> bool:
     """Whether nobody but the user and root can put files into a folder or replace it; also if there is none yet.
 
-    Caches hold machine code: whoever can write them can run code as the user.
+    Caches hold machine code: anyone who can write them can run code as the user.
     """
     for path, others in ((folder, False), (folder.parent, True)):
         if sys.platform != "win32" and path.exists():

@@ -94,7 +94,7 @@ class Workers:
     def settle(self) -> None:
         """Let no slice begin any more, and wait for those that are at work.
 
-        Whoever touches the batch calls this first: a second interrupt may have ended the wait of the last run.
+        Call this before touching the batch: a second interrupt may have ended the wait of the last run.
         """
         self._ticket = None
         for turn in self._turns:
