@@ -189,7 +189,16 @@ class Task(ABC):
 
     @exclusive
     def take_over(self, other: Task) -> None:
-        """Continue the episodes of another task object whose settings differ in the payload at most."""
+        """Continue the episodes of a task whose settings differ in the payload at most.
+
+        Raises:
+            ValueError: for another task, other settings, or a task with a machine of its own.
+        """
+        ours, theirs = (one.config.model_dump(exclude={"payload"}) for one in (self, other))
+        if type(self) is not type(other) or self.num_envs != other.num_envs or ours != theirs:
+            raise ValueError("the episodes are of another task, or one whose settings differ in more than the payload")
+        if not task_card(self.env_id).links:
+            raise ValueError(f"{self.env_id} has a machine of its own, whose payload belongs to the episode")
         self._batch.take_over(other._batch)
         self._ready = other._ready
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -183,3 +184,17 @@ def test_what_cannot_be_chosen_leaves_the_old_episode(session: Session) -> None:
         with pytest.raises(ValueError, match=r"\w"):
             session.take(Message(do="choose", choice=wrong))
     assert played(session, 0.5)[0]["scene"]["time"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("env", "other", "complaint"),
+    [
+        (("ConveyorTrack-v0", {}), ("ConveyorTrack-v0", {"horizon": 4.0}), "more than the payload"),
+        (("ConveyorTrack-v0", {}), ("MinTorqueMove-v0", {}), "another task"),
+        (("ExcavatorPayload-v0", {}), ("ExcavatorPayload-v0", {}), "a machine of its own"),
+    ],
+)
+def test_episodes_that_do_not_fit_are_not_taken_over(env: Any, other: Any, complaint: str) -> None:
+    tasks: list[Any] = [gym.make(name, **settings).unwrapped for name, settings in (env, other)]
+    with pytest.raises(ValueError, match=complaint):
+        tasks[0].task.take_over(tasks[1].task)
