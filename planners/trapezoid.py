@@ -23,6 +23,9 @@ SAMPLES = 200
 ATTEMPTS, BACK_OFF = 8, 0.98
 """Attempts with lower accelerations where the torque limits are exceeded, and an extra factor of each."""
 
+SHORTEST_RAMP = 1e7 * float(np.finfo(float).eps)
+"""Of a ramp, as a share of the duration: in a shorter one, rounding of times would show as excess of velocity."""
+
 NEEDS = ("velocity", "acceleration")
 
 Contact = Literal["refuse", "delay"]
@@ -59,7 +62,7 @@ def plan(problem: MotionProblem, *, contact: Contact = "refuse") -> Trajectory:
     limits, share = problem.joint_limits, 1.0
     for _ in range(ATTEMPTS):
         top, ramp = trapezoid(change, limits.array("velocity"), share * limits.array("acceleration"))
-        motion = _sampled(problem, change, top, ramp)
+        motion = _sampled(problem, change, top, max(ramp, SHORTEST_RAMP / top))
         excess = motion.limit_ratios["torque"]
         if excess <= 1.0:
             break

@@ -48,20 +48,42 @@ def write_figures(files: Sequence[tuple[str, Results]], folder: Path) -> int:
     new_sheet(1.0, 1.0)  # says first how to install matplotlib
     import matplotlib
 
-    tasks = side_by_side(files)
-    colors = {name: COLORS[number] for name, number in policy_colors(files, tasks).items()}
     count, taken = 0, set[str]()
     with matplotlib.rc_context(_STYLE):  # type: ignore[arg-type]
-        for task in tasks:
-            for name, sheet in task_figures(task, colors):
-                stem = re.sub(r"[^\w.-]+", "_", f"{task.task}_{name}")
-                if stem in taken:
-                    raise ValueError(f"two tasks are called {task.task}: give one file of results after the other")
-                taken.add(stem)
-                for suffix in (".pdf", ".svg"):
-                    write_bytes(folder / f"{stem}{suffix}", _content(sheet, suffix))
-                    count += 1
+        for name, sheet in _all_figures(files):
+            stem = re.sub(r"[^\w.-]+", "_", name)
+            if stem in taken:
+                raise ValueError(f"two tasks have figures called {stem}: give one file of results after the other")
+            taken.add(stem)
+            for suffix in (".pdf", ".svg"):
+                write_bytes(folder / f"{stem}{suffix}", _content(sheet, suffix))
+                count += 1
     return count
+
+
+def _all_figures(files: Sequence[tuple[str, Results]]) -> Iterator[tuple[str, Figure]]:
+    """The leaderboard of all tasks, and the charts of each, with their names."""
+    tasks = side_by_side(files)
+    colors = {name: COLORS[number] for name, number in policy_colors(files, tasks).items()}
+    if overview := [task for task in tasks if len(task.seeds) > 1]:
+        yield "leaderboard", leaderboard(overview, colors)
+    for task in tasks:
+        for name, sheet in task_figures(task, colors):
+            yield f"{task.task}_{name}", sheet
+
+
+def leaderboard(tasks: Sequence[TaskScores], colors: Mapping[str, str]) -> Figure:
+    """Success and the primary metric, or the return, of every policy: a row of two charts for each task."""
+    heights = [0.75 + _ROW * len(task.policies) for task in tasks]
+    sheet = new_sheet(2.0 * _WIDTH, sum(heights))
+    charts = sheet.subplots(len(tasks), 2, squeeze=False, height_ratios=heights)
+    for task, row in zip(tasks, charts, strict=True):
+        for quantity, axes in zip(quantities(task)[:2], row, strict=True):
+            _prepare(axes)
+            _points(task, quantity, colors, axes)
+        row[0].set_title(_plain(task.task), loc="left", fontweight="bold")
+        row[1].set_yticklabels([])
+    return sheet
 
 
 def task_figures(task: TaskScores, colors: Mapping[str, str]) -> Iterator[tuple[str, Figure]]:
@@ -78,11 +100,15 @@ def task_figures(task: TaskScores, colors: Mapping[str, str]) -> Iterator[tuple[
 def _sheet(rows: int, draw: Callable[[Axes], None]) -> Figure:
     sheet = new_sheet(_WIDTH, 0.55 + _ROW * rows)
     axes = sheet.subplots()
+    _prepare(axes)
+    draw(axes)
+    return sheet
+
+
+def _prepare(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, linewidth=0.5)
     axes.set_axisbelow(True)
-    draw(axes)
-    return sheet
 
 
 def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axes: Axes) -> None:

@@ -205,7 +205,7 @@ def test_the_page_of_the_docs_does_what_it_says(
     assert "|apf" in capsys.readouterr().out
     assert data_of((tmp_path / "report.html").read_text(encoding="utf-8"))["tasks"][0]["replays"]
     assert data_of((tmp_path / "both.html").read_text(encoding="utf-8"))["tasks"][0]["policies"][2]["name"]
-    assert len(list((tmp_path / "figures").iterdir())) == 12
+    assert len(list((tmp_path / "figures").iterdir())) == 14
 
 
 def test_modules_become_one_script() -> None:
@@ -228,10 +228,10 @@ def test_figures_are_the_same_again_with_their_fonts(scored: dict[str, Any], tmp
     files = [("results", Results.of({**scored, "results": scored["results"][:1]}))]
     contents = []
     for folder in (tmp_path / "one", tmp_path / "two"):
-        assert write_figures(files, folder) == 12
+        assert write_figures(files, folder) == 14
         contents.append({path.name: path.read_bytes() for path in sorted(folder.iterdir())})
     assert contents[0] == contents[1]
-    assert set(contents[0]) >= {"ConveyorTrack-v0_profile.pdf", "ConveyorTrack-v0_settling_time.svg"}
+    assert set(contents[0]) >= {"leaderboard.svg", "ConveyorTrack-v0_profile.pdf", "ConveyorTrack-v0_settling_time.svg"}
     assert all(b"/FontFile2" in content for name, content in contents[0].items() if name.endswith(".pdf"))
     assert all(b"<text" not in content for name, content in contents[0].items() if name.endswith(".svg"))
 

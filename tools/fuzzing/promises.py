@@ -42,7 +42,8 @@ def broken_promises(
     kept = takes.keeps if entry.promises else ()
     found = _broken_limits(problem, motion, kept, (t, q, qd, qdd), starts_piece)
     clearance = min((float(gaps(problem.arm, q, disc, t).min()) for disc in problem.obstacles), default=math.inf)
-    if not clearance >= (1.0 - CLEARANCE_ERROR) * motion.clearance - ALLOWED:
+    stated = motion.clearance
+    if not (clearance >= stated - ALLOWED or math.isclose(clearance, stated, rel_tol=CLEARANCE_ERROR)):
         found.append(f"says {motion.clearance:.6g} m of clearance and has {clearance:.6g} m")
     smooth, h = ~starts_piece, np.diff(t)[:, None]
     led_to = q[:-1] + h * (0.5 * (qd[:-1] + qd[1:]) + h * (qdd[:-1] - qdd[1:]) / 12.0)
