@@ -156,7 +156,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def get_state(self) -> State:
         """The running episode, with its random numbers, as a value to keep, compare, pickle and continue from.
 
-        What follows from it is the same to the bit, in any environment with the same settings; see docs/state.md.
+        What follows from it is the same to the bit, in any environment with the same settings
+        (docs/extend/state.md).
         """
         random, trail = state_of_generator(self.np_random), self._camera.trail
         over = (self._needs_reset,)

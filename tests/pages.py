@@ -19,7 +19,7 @@ _FILE = re.compile(r"# ([\w-]+\.(?:py|yaml|json))$")
 
 
 def follow(page: str, folder: Path, *, timeout: float = 240.0) -> str:
-    """Follow a page, such as ``own_policy.md``, in an empty folder; what its commands and programs print."""
+    """Follow a page, such as ``extend/policy.md``, in an empty folder; what its commands and programs print."""
     printed = []
     for language, code in re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.S | re.M):
         name = _FILE.match(code.partition("\n")[0])

@@ -1,4 +1,4 @@
-"""Tables of README.md and docs/ are what their commands printed; those of quick commands are printed again."""
+"""Tables of docs/ are what their commands printed; those of quick commands are printed again."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def test_quick_commands_print_their_tables_again(name: str) -> None:
 
 
 def rows(title: str) -> dict[str, list[str]]:
-    """The rows of README's leaderboard below a title, by policy; ``policy`` is the header."""
-    _, _, section = (ROOT / "README.md").read_text(encoding="utf-8").partition(f"### {title}: ")
+    """The rows of the leaderboard below a title, by policy; ``policy`` is the header."""
+    _, _, section = (ROOT / "docs/benchmark/leaderboard.md").read_text(encoding="utf-8").partition(f"### {title}: ")
     table = [line for line in section.split("\n\n")[1].splitlines() if line.startswith("|")]
     return {cells[0]: cells for cells in ([cell.strip() for cell in line.split("|")[1:-1]] for line in table)}
 

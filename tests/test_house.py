@@ -56,7 +56,10 @@ def test_readmes_examples_run(code: str) -> None:
     exec(compile(code, "README.md", "exec"), {})
 
 
-@pytest.mark.parametrize("page", ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/**/*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     for link in re.findall(r"\]\(([^):]+)\)", (ROOT / page).read_text()):
         file, _, heading = link.partition("#")
@@ -177,7 +180,7 @@ def test_tools_show_their_command() -> None:
 
 
 def test_an_environment_of_a_batch_is_not_a_lane() -> None:
-    files = [*SOURCE.values(), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("tests/**/*.py")]
+    files = [*SOURCE.values(), *ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/**/*.py")]
     lane = re.compile(r"\blanes?\b", flags=re.IGNORECASE)
     assert not [path for path in files if path.name != "test_house.py" and lane.search(path.read_text())]
 

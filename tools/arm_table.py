@@ -1,4 +1,4 @@
-"""The table of presets in docs/arms.md, from the arms themselves and the first lines of their files.
+"""The table of presets in docs/extend/arms.md, from the arms themselves and the first lines of their files.
 
 ``python -m tools.arm_table`` writes it between the page's marks ``<!-- presets -->`` and ``<!-- end of presets -->``.
 """
@@ -15,7 +15,7 @@ from planners.files import write_text
 from planners.robot.arm_files import FOLDER
 from planners.robot.limits import JointLimits
 
-PAGE = Path(__file__).parent.parent / "docs" / "arms.md"
+PAGE = Path(__file__).parent.parent / "docs" / "extend" / "arms.md"
 _MARKED = re.compile(r"(<!-- presets -->\n).*?(<!-- end of presets -->)", flags=re.DOTALL)
 _PAPERS = {
     "PLANAR_3R": "The arm of the least-torque paper: MinTorqueMove-v0.",

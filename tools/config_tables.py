@@ -1,4 +1,4 @@
-"""The tables of docs/configs.md, from the settings' own types, defaults, bounds and docstrings.
+"""The tables of docs/agents/configs.md, from the settings' own types, defaults, bounds and docstrings.
 
 ``python -m tools.config_tables`` writes them between the page's marks, ``<!-- settings of NAME -->`` and
 ``<!-- end of NAME -->``. What is written there is what validates the files, so the page cannot say otherwise.
@@ -27,7 +27,7 @@ from agents.training.recipe import (
 from envs.settings import Settings
 from planners.files import write_text
 
-PAGE = Path(__file__).parent.parent / "docs" / "configs.md"
+PAGE = Path(__file__).parent.parent / "docs" / "agents" / "configs.md"
 _MARKED = re.compile(r"^(<!-- settings of (\S+) -->)$.*?^(<!-- end of \2 -->)$", flags=re.MULTILINE | re.DOTALL)
 
 

@@ -1,4 +1,4 @@
-"""The tables of README.md and docs/ that commands print, between marks such as ``<!-- leaderboard -->``.
+"""The tables of docs/ that commands print, between marks such as ``<!-- leaderboard -->``.
 
 ``python -m tools.docs_figures NAME...`` runs the commands of some tables, stores what they print in
 ``tools/data/docs_figures.json`` with versions, machine and date, and writes it to the pages. Without names it writes
@@ -44,21 +44,23 @@ class Block:
 
 
 BLOCKS = {
-    "leaderboard": Block("README.md", "planarm benchmark", times=True),
-    "excavator leaderboard": Block("docs/excavator.md", "planarm benchmark --tasks ExcavatorPayload-v0 --episodes 200"),
+    "leaderboard": Block("docs/benchmark/leaderboard.md", "planarm benchmark", times=True),
+    "excavator leaderboard": Block(
+        "docs/papers/excavator.md", "planarm benchmark --tasks ExcavatorPayload-v0 --episodes 200"
+    ),
     "excavator level 2": Block(
-        "docs/excavator.md",
+        "docs/papers/excavator.md",
         "planarm evaluate adaptive --env ExcavatorPayload-v0 --episodes 200 --settings level=2 --against "
         "integral_computed_torque computed_torque adaptive_computed_torque agent",
     ),
-    "planarm plan --list": Block("docs/planners.md", "planarm plan --list", 0),
-    "plans of planarm paper-dpct": Block("docs/dpct.md", "planarm paper-dpct", 0),
-    "starts of planarm paper-dpct": Block("docs/dpct.md", "planarm paper-dpct", 1),
-    "published by planarm paper-lagrange": Block("docs/lagrange.md", "planarm paper-lagrange", 0),
-    "searches of planarm paper-lagrange": Block("docs/lagrange.md", "planarm paper-lagrange", 1),
-    "moves of planarm paper-lagrange": Block("docs/lagrange.md", "planarm paper-lagrange", 2),
-    "scenes of planarm paper-apf": Block("docs/apf.md", "planarm paper-apf", 0),
-    "random moves of planarm paper-apf": Block("docs/apf.md", "planarm paper-apf", 1),
+    "planarm plan --list": Block("docs/planners/index.md", "planarm plan --list", 0),
+    "plans of planarm paper-dpct": Block("docs/papers/dpct.md", "planarm paper-dpct", 0),
+    "starts of planarm paper-dpct": Block("docs/papers/dpct.md", "planarm paper-dpct", 1),
+    "published by planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 0),
+    "searches of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 1),
+    "moves of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 2),
+    "scenes of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 0),
+    "random moves of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 1),
 }
 
 

@@ -27,13 +27,13 @@ class PathsOptions:
 
     The pictures of the README:
 
-        $ planarm paths ConveyorTrack-v0 --seed 0 --plot docs/paths_conveyor_track.png
+        $ planarm paths ConveyorTrack-v0 --seed 0 --plot docs/pictures/paths_conveyor_track.png
         $ planarm paths MinTorqueMove-v0 --policies follower dpct lagrange apf --seed 18 \
---plot docs/paths_min_torque_move.png
+--plot docs/pictures/paths_min_torque_move.png
         $ planarm paths ObstacleDodge-v0 --policies follower dpct lagrange apf --seed 29 \
---plot docs/paths_obstacle_dodge.png
+--plot docs/pictures/paths_obstacle_dodge.png
         $ planarm paths ExcavatorPayload-v0 --policies computed_torque integral_computed_torque adaptive \
-agent --seed 12 --plot docs/paths_excavator_payload.png
+agent --seed 12 --plot docs/pictures/paths_excavator_payload.png
     """
 
     env: tyro.conf.Positional[str]

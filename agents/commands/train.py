@@ -26,9 +26,9 @@ class TrainOptions:
     """Train an agent with PPO, SAC or TD3 of Stable-Baselines3; needs pip install "planarm[rl]".
 
     A configuration of your own is a YAML file with at least `env`, an id or `my_module:MyTask-v0` for a task that your
-    module registers; docs/configs.md lists all settings. Settings of the environment are below env_config, and arm=
-    is short for env_config.arm=. Ctrl-C stops the run. --resume continues it from its last checkpoint, also after a
-    crash, and imports your module again if the task is of one.
+    module registers; docs/agents/configs.md lists all settings. Settings of the environment are below env_config, and
+    arm= is short for env_config.arm=. Ctrl-C stops the run. --resume continues it from its last checkpoint, also after
+    a crash, and imports your module again if the task is of one.
 
     For example:
 

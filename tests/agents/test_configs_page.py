@@ -1,4 +1,4 @@
-"""docs/configs.md says what the settings are, and its examples are taken."""
+"""docs/agents/configs.md says what the settings are, and its examples are taken."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_page_knows_every_shipped_config(config: str) -> None:
 def test_the_examples_are_taken(command: list[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     kinds: dict[str, Any] = {"benchmark": BenchmarkOptions, "train": TrainOptions}
     shipped = {"benchmark": "benchmark", "train": "ppo/ConveyorTrack-v0"}[command[0]]
-    (tmp_path / "mine.yaml").write_text((PAGE.parent.parent / "configs" / f"{shipped}.yaml").read_text())
+    (tmp_path / "mine.yaml").write_text((PAGE.parents[2] / "configs" / f"{shipped}.yaml").read_text())
     monkeypatch.chdir(tmp_path)
     config = tyro.cli(kinds[command[0]], args=command[1:]).resolve()
     for change in (part for part in command if "=" in part):

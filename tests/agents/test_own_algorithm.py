@@ -16,7 +16,7 @@ pytestmark = pytest.mark.rl
 
 
 def test_the_page_is_followed_from_a_folder_without_planarm(tmp_path: Path) -> None:
-    printed = follow("own_algorithm.md", tmp_path)
+    printed = follow("extend/algorithm.md", tmp_path)
     assert "follower" in printed
     assert "SAC alone" in printed
     agent = load_agent(tmp_path / "runs" / "mine")

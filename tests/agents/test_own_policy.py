@@ -244,7 +244,7 @@ def test_a_planner_that_the_module_registers_is_a_policy(folder: Path, capsys: p
 
 
 def test_the_page_is_followed(tmp_path: Path) -> None:
-    printed = follow("own_policy.md", tmp_path)
+    printed = follow("extend/policy.md", tmp_path)
     assert "make_policy - dpct" in printed
     assert "strong - dpct" in printed
     assert json.loads((tmp_path / "comparison.json").read_text())["complete"] is True

@@ -16,7 +16,7 @@ MOVE = ["plan", "--arm", "SCARA_50CM", "--start", "0.2", "1.5", "--to-joints", "
 
 
 def test_the_page_can_be_followed(tmp_path: Path) -> None:
-    printed = follow("planners.md", tmp_path)
+    printed = follow("planners/index.md", tmp_path)
     assert {"out.csv", "out.png", "out.npz", "out.gif", "motion.csv", "motion.npz", "motion.png"} <= {
         path.name for path in tmp_path.iterdir()
     }

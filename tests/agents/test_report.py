@@ -198,7 +198,9 @@ def test_the_page_of_the_docs_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    commands = re.findall(r"^planarm (.*)$", (ROOT / "docs" / "report.md").read_text(), flags=re.MULTILINE)
+    commands = re.findall(
+        r"^planarm (.*)$", (ROOT / "docs" / "benchmark" / "report.md").read_text(), flags=re.MULTILINE
+    )
     assert len(commands) == 4
     for command in commands:
         assert main(shlex.split(command)) == 0

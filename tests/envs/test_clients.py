@@ -218,7 +218,7 @@ def test_stable_baselines3_makes_its_own_batch() -> None:
             assert {"is_success", "torque_l1"} <= episode.keys()
 
 
-PAGE = (Path(__file__).parent.parent.parent / "docs" / "clients.md").read_text()
+PAGE = (Path(__file__).parent.parent.parent / "docs" / "extend" / "clients.md").read_text()
 SNIPPETS = re.findall(r"^## (\w+)[^#]*?^```python\n(.*?)^```", PAGE, re.S | re.M)
 
 

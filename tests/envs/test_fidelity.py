@@ -1,4 +1,4 @@
-"""The physics against independent references, with margins below what the README states."""
+"""The physics against independent references, with margins below what docs/physics.md states."""
 
 import re
 from pathlib import Path
@@ -51,8 +51,8 @@ def test_placing_and_reading_agree() -> None:
     assert moved == pytest.approx(expected, abs=1e-3)
 
 
-def test_readme_states_the_errors() -> None:
-    text = (Path(__file__).parents[2] / "README.md").read_text()
+def test_the_page_states_the_errors() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "physics.md").read_text()
     rows = re.findall(r"^\| (\S+) ms \| (.*) \| (\S+) rad \| (\S+) % \|$", text, flags=re.MULTILINE)
     assert len(rows) == 3
     for step, simulation, angle, energy in rows:

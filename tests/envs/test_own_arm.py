@@ -79,7 +79,7 @@ def score(expert: str, env_id: str, arm: Any, **settings: Any) -> Any:
 
 
 def test_the_page_works_from_a_folder_of_ones_own(tmp_path: Path) -> None:
-    reached = dict(re.findall(r"^(dpct|lagrange|apf) (\d+)$", follow("own_arm.md", tmp_path), flags=re.MULTILINE))
+    reached = dict(re.findall(r"^(dpct|lagrange|apf) (\d+)$", follow("extend/arm.md", tmp_path), flags=re.MULTILINE))
     assert reached.keys() == {"dpct", "lagrange", "apf"}
     assert all(int(count) >= 7 for count in reached.values())
 

@@ -1,4 +1,4 @@
-"""A task in a user's own file: what docs/own_task.md says, done as its reader would, outside of planarm."""
+"""A task in a user's own file: what docs/extend/task.md says, done as its reader would, outside of planarm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from tests.pages import ROOT, follow
 
-PAGE = (ROOT / "docs" / "own_task.md").read_text()
+PAGE = (ROOT / "docs" / "extend" / "task.md").read_text()
 
 USE = """
 import sys
@@ -56,7 +56,7 @@ def write_files(folder: Path) -> None:
 
 
 def test_the_page_works_from_a_folder_of_ones_own(tmp_path: Path) -> None:
-    printed = follow("own_task.md", tmp_path)
+    printed = follow("extend/task.md", tmp_path)
     assert "Circle-v0: seeds 0, 1, 2, 3, " in (tmp_path / "circle.html").read_text(encoding="utf-8")  # replays
     first, apf, loaded, *_ = printed.splitlines()
     assert re.fullmatch(r"True [-+.e\d]+ [-+.e\d]+ \(640, 960, 3\)", first)

@@ -182,7 +182,7 @@ def test_an_expert_is_copied_with_its_task(env_id: str) -> None:
 
 
 def test_the_page_on_states_works(tmp_path: Path) -> None:
-    total = float(follow("state.md", tmp_path).split()[-1])
+    total = float(follow("extend/state.md", tmp_path).split()[-1])
     env = made("ConveyorTrack-v0", control_mode="jerk")
     env.reset(seed=0)
     assert total > sum(env.step(np.zeros(2))[1] for _ in range(10)) + 0.001

@@ -1,4 +1,4 @@
-"""docs/arms.md: what it says runs, its keys are those that are read, and its presets are those that there are."""
+"""docs/extend/arms.md: what it says runs, its keys are those that are read, its presets are all there are."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tools.arm_table import PAGE, page
 
 
 def test_the_page_runs_in_a_readers_folder(tmp_path: Path) -> None:
-    reach, ratios, _, same = follow("arms.md", tmp_path).strip().splitlines()
+    reach, ratios, _, same = follow("extend/arms.md", tmp_path).strip().splitlines()
     assert reach.startswith("0.73 ")
     assert "'torque': 0" in ratios
     assert same == "True"
