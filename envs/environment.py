@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import weakref
 from collections.abc import Callable
 from copy import deepcopy
@@ -27,9 +28,21 @@ from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
 from planners.typing import Array
 
-_DECLARED = """{text}
-
-## Observation
+_SECTIONS = (
+    "Description",
+    "Action space",
+    "Observation space",
+    "Rewards",
+    "Starting state",
+    "Episode end",
+    "Info",
+    "Arguments",
+    "Difficulty",
+    "Version history",
+)
+"""Headings of an environment's docstring, in order, as in Gymnasium's own."""
+_DECLARED = """
+## Observation space
 Each element is a physical value divided by a fixed scale, clipped at the bound.
 
 {layout}
@@ -48,8 +61,26 @@ Every key is there at the reset and at every step. Until it is known, a number i
 The end is also where Gymnasium's `TimeLimit` (`max_episode_steps`) cuts an episode.
 
 ## Arguments
+Settings of the environment, `gym.make(id, name=value)`:
+
 {settings}
+
+Options of an episode, `reset(options={{"name": value}})`; what is left out is drawn:
+
+{options}
 """
+
+
+def _in_order(text: str, declared: str) -> str:
+    """A docstring with the declared sections, each after what the text itself says under that heading."""
+    summary, *own = re.split(r"^## ", text, flags=re.MULTILINE)
+    parts: dict[str, list[str]] = {}
+    for section in [*own, *declared.strip().removeprefix("## ").split("\n\n## ")]:
+        heading, _, body = section.partition("\n")
+        parts.setdefault(heading, []).append(body.strip())
+    known = [heading for heading in _SECTIONS if heading in parts]
+    headings = [*known, *(heading for heading in parts if heading not in known)]
+    return "\n\n".join([summary.strip(), *(f"## {heading}\n" + "\n\n".join(parts[heading]) for heading in headings)])
 
 
 class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
@@ -72,14 +103,15 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         task: Any = cls.task_type
         rewards = [f"| `reward_{name}` | after a step | this term of its reward |" for name in task.reward_terms]
         outcomes = [f"| `{key}` | at the end | {meaning} |" for key, meaning in task.outcomes.items()]
-        cls.__doc__ = _DECLARED.format(
-            text=cleandoc(cls.__doc__ or ""),
+        declared = _DECLARED.format(
             layout=task.layout.table(),
             rewards="\n".join(rewards),
             outcomes="\n".join(outcomes),
             kinds=", ".join(LIMIT_KINDS),
             settings=task.config_type.table(),
+            options=task.options_type.table(),
         )
+        cls.__doc__ = _in_order(cleandoc(cls.__doc__ or ""), declared)
 
     def __init__(
         self, render_mode: str | None = None, *, task_type: type[Any] | str | None = None, **config: Any

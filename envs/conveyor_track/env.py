@@ -193,18 +193,19 @@ class ConveyorTrack(Task):
 class ConveyorTrackEnv(PlanarArmEnv):
     """Bring the hand of a two-link SCARA arm to a part on a conveyor belt, and follow it.
 
+    ## Description
     From T. H. Park, B. H. Lee and M. S. Ko, "Motion planning of a robot manipulator for conveyor tracking".
     The arm (`planners.SCARA_1M`: two 1 m, 1 kg rods) moves in the horizontal plane and starts at rest with its hand
     on the line of the belt, D metres ahead of the part.
 
-    ## Action
+    ## Action space
     Numbers in [-1, 1], one per joint; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
     `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
     rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the velocity,
     acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators keep the
     torque limits in every mode.
 
-    ## Reward
+    ## Rewards
     The sum of three terms:
 
     * `progress`: increase of -log(error) / log(1000), where error is the larger of position and velocity error in
@@ -218,15 +219,23 @@ class ConveyorTrackEnv(PlanarArmEnv):
     Each step's reward is within [-6, 2]. Of two policies that keep the limits, the one that settles earlier gets the
     higher return.
 
-    ## Start
+    ## Starting state
     `reset(options={"scenario": "paper"})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
-    0.2 m/s. Otherwise belt speed, D, line height, hand position and elbow are drawn from cells of a grid whose
-    corners DPCT has solved within 97 % of all limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
+    0.2 m/s. Otherwise belt speed (0.05 to 0.25 m/s), D (-0.2 to 0.2 m), line height (1.5 to 1.8 m), hand position (x
+    from -0.8 to -0.3 m) and elbow are drawn, from cells of a grid whose corners DPCT has solved within 97 % of all
+    limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
     `line_height`, `hand_x` and `elbow` fix any of these; a start that DPCT cannot solve is refused with its reason.
 
-    ## End
+    ## Episode end
     Truncated after `horizon` (3 s). Never terminated. Success: position error at most 1 mm and velocity error at most
     2 mm/s over the last 0.5 s.
+
+    ## Difficulty
+    In jerk mode the limits hold by construction; in torque mode a policy has to keep them itself. Harder with a
+    `payload` (no policy observes it), a `belt_acceleration`, tighter tolerances, a longer `hold_time` or another `arm`.
+
+    ## Version history
+    * v0: the first version.
     """
 
     task_type = ConveyorTrack

@@ -264,6 +264,7 @@ class ExcavatorPayload(Task):
 class ExcavatorPayloadEnv(PlanarArmEnv):
     """Track a motion with boom, arm and bucket of an excavator that holds an unknown payload.
 
+    ## Description
     After "A Study on Motion Control and Kinematics Analysis of Articulated Manipulator Attachment for Excavator". The
     machine is the attachment of `planners.excavator` in its vertical plane: boom 2.45 m, arm 1.40 m, bucket with its
     tip 0.65 m from its joint; 270, 165 and 180 kg; the base of the boom 0.9 m above the ground. Joint angles are those
@@ -274,27 +275,27 @@ class ExcavatorPayloadEnv(PlanarArmEnv):
     and 0.08 m along either axis), and a factor of 0.7 to 1.5 on the friction. The tip error of a controller for the
     empty bucket is 10 to 50 cm with a heavy payload.
 
-    ## Action
+    ## Action space
     Three numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
 
     * `"torque"`: shares of the torque limits, 45, 22 and 10 kN m.
     * `"residual"`: shares of 18, 8.8 and 3 kN m, added to the torque of Slotine and Li's controller for the empty
       bucket, without adaptation (`planners.control.SlotineLi`); the sum is clipped at the limits.
 
-    ## Measurements
-    Observed angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none). At
+    ## Observation space
+    Angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none). At
     the start `last_torque` is the torque that holds the empty machine.
 
-    ## Reference
-    Quintics from rest to rest through waypoints drawn in boom [-10, 55], arm [-110, -40] and bucket [-20, 70] deg. Each
-    segment takes 1 to 1.5 times the larger of 1.2 s and the time at 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s);
-    it is drawn again where inverse dynamics with 350 kg need more than 85 % of a torque limit. The episode starts at
-    rest at the first waypoint.
+    ## Starting state
+    At rest at the first waypoint of the reference: quintics from rest to rest through waypoints drawn in boom
+    [-10, 55], arm [-110, -40] and bucket [-20, 70] deg. Each segment takes 1 to 1.5 times the larger of 1.2 s
+    and the time at 85 % of the speed limits (0.7, 0.8 and 1.6 rad/s); it is drawn again where inverse dynamics with 350
+    kg need more than 85 % of a torque limit.
     `reset(options={"scenario": "cycle"})` repeats the lifting cycle of `planners.excavator.motion.WORK_CYCLE`;
     `waypoints` and `arrival_times` set the motion, and `payload`, `payload_offset` and `friction_scale` the hidden
     quantities. A motion that the machine cannot make with 350 kg is refused with the reason.
 
-    ## Reward
+    ## Rewards
     The sum of three terms. An episode without any error is worth 10, which its steps share equally:
 
     * `tracking`: a step's share times 1 - error / `reward_distance` (0.1 m), not below 0; the error is the distance of
@@ -303,15 +304,19 @@ class ExcavatorPayloadEnv(PlanarArmEnv):
     * `failure`: minus `failure_penalty` (2) where the episode ends early. The remaining steps could cost at most 1.2,
       so a failure never pays.
 
-    ## Level
+    ## Difficulty
     `level=2`: the drives follow the commanded torque with a lag of 30 ms, and the bucket is empty at first, picks the
     payload up at a time drawn from 3 to 5 s, and drops it between 8 and 9 s (in proportion for another `horizon`).
+    Easier in residual mode, without `noise`, or with a payload that is known: `lightest` equal to `payload`.
 
-    ## End
+    ## Episode end
     Truncated after `horizon` (12 s). Terminated, as a failure, where a joint is faster than 6 rad/s or 30 deg outside
     the range of the waypoints. Success: over the last two thirds of the episode (after 4 s) the root mean square of the
     tip error is at most 5 mm, and the largest at most 15 mm. On level 2 the sixth of the episode (2 s) after a change
     of the payload does not count either.
+
+    ## Version history
+    * v0: the first version.
     """
 
     task_type = ExcavatorPayload

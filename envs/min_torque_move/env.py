@@ -240,13 +240,14 @@ class MinTorqueMove(Task):
 class MinTorqueMoveEnv(PlanarArmEnv):
     """Move a three-link arm from rest to rest in a given time with as little torque as possible.
 
+    ## Description
     From L. P. Luo, S. W. Hwang and C. S. Han, "Trajectory planning for torque minimization of robot manipulators using
     the Lagrange interpolation method". The arm (`planners.PLANAR_3R`: 0.2, 0.4 and 0.2 m; 1, 2 and 1 kg) moves in the
     horizontal plane, or with `gravity=9.81` in a vertical one. The paper's own problem fixes no velocity at the ends
     and is ill-posed; here the move is from rest to rest, with limits of torque and joint ranges of +-150 deg on
     joints 2 and 3.
 
-    ## Action
+    ## Action space
     Numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they are:
 
     * `"torque"`: three torques, shares of (20, 10, 5) N m, for one control period.
@@ -254,7 +255,7 @@ class MinTorqueMoveEnv(PlanarArmEnv):
       to goal (`planners.motion.time_laws`). The first action of an episode is the whole motion: computed torque tracks
       it to the end, and later actions are ignored. No expert acts in this mode.
 
-    ## Reward
+    ## Rewards
     The sum of three terms:
 
     * `effort`: minus the integral of the summed absolute torques over the period, divided by that of a quintic over
@@ -263,15 +264,22 @@ class MinTorqueMoveEnv(PlanarArmEnv):
       Missing the goal costs at least 2, twice the effort of the quintic, so it never pays.
     * `limits`: for each control period outside a joint range, minus `limit_penalty` x (1 + excess, at most 2).
 
-    ## Start
+    ## Starting state
     `reset(options={"scenario": "paper"})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
-    goal and duration are drawn, long moves and folded postures among them; the quintic keeps the torque limits and the
-    joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these; a move that the planners cannot
-    solve is refused with the reason.
+    goal and duration are drawn, long moves and folded postures among them; the quintic takes at most 90 % of the torque
+    limits and keeps the joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these; a move that
+    the planners cannot solve is refused with the reason.
 
-    ## End
+    ## Episode end
     Terminated when the duration is over: the task ends there, and the observation holds the time left.
     Success: every joint within 0.02 rad of the goal and at 0.05 rad/s or less.
+
+    ## Difficulty
+    Harder with `gravity=9.81` (a vertical plane), a `payload` (no policy observes it), tighter tolerances or another
+    `arm`, of up to six links; in torque mode an episode has one decision per control period, in motion mode one in all.
+
+    ## Version history
+    * v0: the first version.
     """
 
     task_type = MinTorqueMove

@@ -238,18 +238,20 @@ class ObstacleDodge(Task):
 class ObstacleDodgeEnv(PlanarArmEnv):
     """Bring the hand to a goal and hold it there while a disc moves at random through the workspace.
 
+    ## Description
     From T. H. Kim, M. S. Park, S. Y. Song and S. K. Hong, "Collision-free trajectory planning for SCARA robot". The
     paper protects the hand alone; here no part of the arm may touch a disc. The arm (`planners.SCARA_50CM`: two 0.5 m,
     2 kg rods, capsules of 45 mm radius) moves in the horizontal plane.
 
-    ## Action
+    ## Action space
     Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale: `"torque"`
     (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (2.4 rad/s at the end
     of the period, as nearly as the limits allow: all of them hold by construction).
 
-    The observation's entries of the discs, listed below for one, grow with `num_obstacles`.
+    ## Observation space
+    The entries of the discs, listed below for one, grow with `num_obstacles`.
 
-    ## Reward
+    ## Rewards
     The sum of five terms:
 
     * `progress`: decrease of the distance to the goal, as a share of the distance at the start.
@@ -260,7 +262,7 @@ class ObstacleDodgeEnv(PlanarArmEnv):
     * `limits`: for each control period in which a limit of velocity, acceleration or joint range is broken by more than
       `limit_tolerance`, minus `limit_penalty` x (1 + excess, at most 2).
 
-    ## Start
+    ## Starting state
     The posture at rest and the goal are drawn: elbow angles of 0.3 rad or more, the hand 0.4 m or more from its goal,
     which it can reach on the same side of the elbow. The disc (radius 0.1 m, 0.2 to 1 m/s, 0.32 to 1.3 m from the base)
     begins with 0.3 m or more between it and the arm, and the goal; it moves in legs between waypoints, in straight
@@ -269,9 +271,17 @@ class ObstacleDodgeEnv(PlanarArmEnv):
     "paper"})` is a fixed crossing, as in the paper's figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`,
     `obstacle_radius` and `obstacle_paths` fix any of these.
 
-    ## End
+    ## Episode end
     Terminated by a collision: the surfaces of disc and arm touch, measured after every physics step. Terminated by
     success: the hand within 0.03 m of the goal for 0.5 s without a break. Truncated after `horizon` (8 s).
+
+    ## Difficulty
+    Harder with more discs (`num_obstacles`), faster or larger ones (the options `obstacle_speed` and
+    `obstacle_radius`), a `payload` (no policy observes it) or another `arm`. In velocity mode all limits hold by
+    construction; in torque mode a policy has to keep them itself.
+
+    ## Version history
+    * v0: the first version.
     """
 
     task_type = ObstacleDodge
