@@ -46,6 +46,20 @@ def rows(title: str) -> dict[str, list[str]]:
     return {cells[0]: cells for cells in ([cell.strip() for cell in line.split("|")[1:-1]] for line in table)}
 
 
+def test_readme_says_who_wins_with_the_numbers_of_the_leaderboard() -> None:
+    said = (ROOT / "README.md").read_text(encoding="utf-8").split("<!-- who wins -->")[1].split("<!-- end")[0]
+    for task, sentence in re.findall(r"^- \*\*(\w+)\*\*: (.*)$", said, re.M):
+        table = rows(f"{task}-v0")
+        clauses = sentence.split("; ")
+        winner = next(name for name in table if name not in ("policy", "-" * len(name)))
+        assert re.findall(r"`(\w+)`", sentence) == [winner, "agent"]
+        for clause in clauses:
+            policy, *_ = re.findall(r"`(\w+)`", clause)
+            cells = [cell.split(" (")[0].split("(")[0].strip() for cell in table[policy]]
+            assert [number for number in re.findall(r"\d+(?:\.\d+)?", clause) if number not in cells] == [], clause
+    assert said.count("- **") == 4
+
+
 def test_the_leaderboards_rows_of_quick_policies_come_out() -> None:
     for title, policies in {
         "ConveyorTrack-v0": ["apf", "agent", "follower"],

@@ -47,6 +47,10 @@ def test_readme_has_two_commands_of_one_line_each() -> None:
     assert all("-c constraints.txt -e" in command for command in (run, test))
 
 
+def test_readme_is_one_screen() -> None:
+    assert len(README.splitlines()) <= 120
+
+
 def test_ci_runs_readmes_test_command() -> None:
     assert blocks("sh")[1] in (ROOT / ".ci" / "run").read_text()
 
@@ -185,8 +189,8 @@ def test_an_environment_of_a_batch_is_not_a_lane() -> None:
     assert not [path for path in files if path.name != "test_house.py" and lane.search(path.read_text())]
 
 
-def test_the_tree_in_readme_exists() -> None:
-    _, tree = README.split("## How the code is laid out")
+def test_the_tree_in_contributing_exists() -> None:
+    _, tree = (ROOT / "CONTRIBUTING.md").read_text().split("## How the code is laid out")
     floor, shown = ROOT, []
     for line in re.findall(r"^ {4,6}\S.*$", tree.split("\n\n")[2], flags=re.MULTILINE):
         names = re.findall(r"[\w.]+/?", re.split(r" {2,}", line.strip())[0])
