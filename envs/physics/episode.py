@@ -42,9 +42,10 @@ def table_of(env: Any, shape: Any) -> Array:
 @njit(cache=True, nogil=True)
 def sum_reward(env: Any) -> None:
     """Write the reward, the sum of its terms."""
-    env.reward = 0.0
-    for term in env.reward_terms:
-        env.reward += term
+    total = 0.0
+    for term in range(env.reward_terms.shape[0]):
+        total += env.reward_terms[term]
+    env.reward = total
 
 
 @njit(cache=True, nogil=True)

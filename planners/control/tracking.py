@@ -94,4 +94,5 @@ def _mean_acceleration(
     forward_dynamics_single(coupling, weight, q + half * qd, qd + half * k1, tau, k2)
     forward_dynamics_single(coupling, weight, q + half * (qd + half * k1), qd + half * k2, tau, k3)
     forward_dynamics_single(coupling, weight, q + period * (qd + half * k2), qd + period * k3, tau, k4)
-    mean[:] = (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    for i in range(q.shape[0]):
+        mean[i] = (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0

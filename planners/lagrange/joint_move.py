@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BPoly
 
 from planners.lagrange.interior_point import solve
 from planners.lagrange.newton import TorqueTask
@@ -79,6 +78,8 @@ class JointMove:
     def quintic(self, s: Array) -> Array:
         """Joint angles of the quintic between the ends at ``s`` in [0, 1], ``(points, n)``."""
         powers = self.duration ** np.arange(3)[:, None]
+        from scipy.interpolate import BPoly  # slow to import
+
         angles: Array = BPoly.from_derivatives([0.0, 1.0], [self.ends.start * powers, self.ends.end * powers])(s)
         return angles
 

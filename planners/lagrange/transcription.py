@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from planners.lagrange.interpolation import (
     differentiation_matrices,
@@ -84,6 +83,8 @@ def spline_basis(stages: int, clamp_acceleration: bool, points_per_stage: int) -
     """Cubic B-splines (acceleration linear on every stage) at equally spaced instants, stage borders included."""
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, stages + 1), np.ones(3)])
     s = np.linspace(0.0, 1.0, stages * points_per_stage + 1)
+    from scipy.interpolate import BSpline  # slow to import
+
     spline = BSpline(knots, np.eye(stages + 3), 3)
     values = np.stack([spline.derivative(order)(s) if order else spline(s) for order in range(ORDERS)], axis=1)
     return _clamp(values, s, _trapezoid(len(s)), stages + 3, clamp_acceleration)

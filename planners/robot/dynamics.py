@@ -53,7 +53,11 @@ def inverse_dynamics_single(coupling: Array, weight: Array, q: Array, qd: Array,
 def mass_matrix_single(coupling: Array, q: Array, m: Array) -> None:
     """Mass matrix (kg m^2) of one row in relative joint angles, written to ``m``, ``(n, n)``."""
     n = q.shape[0]
-    phi = np.cumsum(q)
+    phi = np.empty(n)
+    angle = 0.0
+    for i in range(n):
+        angle += q[i]
+        phi[i] = angle
     for i in range(n - 1, -1, -1):
         for j in range(n - 1, i - 1, -1):
             total = coupling[i, j] * np.cos(phi[i] - phi[j])

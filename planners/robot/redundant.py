@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import qmc
 
 from planners.robot import kinematics
 from planners.robot.limits import JointLimits
@@ -96,6 +95,8 @@ def _solve(
 
 def _starts(number: int, lengths: Array, hand: Array, lower: Array, upper: Array, near: Array) -> Array:
     """Start postures ``(starts, n)``: near, the arm stretched and folded towards the hand, and a Halton sequence."""
+    from scipy.stats import qmc  # slow to import
+
     n, direction = len(lengths), float(np.arctan2(hand[1], hand[0]))
     free = np.isinf(lower)
     low, high = np.where(free, near - np.pi, lower), np.where(free, near + np.pi, upper)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from planners.dpct.torque.speed_profile import Track, best_states, price_steps, profile_index
 from planners.typing import Array
@@ -220,4 +219,6 @@ def mix(corridor: Corridor, fast: Array, slow: Array) -> Profile:
     for end, speeds in ((0.0, fast), (1.0, slow)):
         if (excess(end) < 0.0) == (end == 1.0):  # no change of sign between the two but for rounding
             return Profile(speeds)
+    from scipy.optimize import brentq  # slow to import
+
     return Profile(mixed(float(brentq(excess, 0.0, 1.0, xtol=1e-15))))
