@@ -29,44 +29,70 @@ TO_BOUNDARY = 0.99
 HALVINGS = 10
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve(
     tr: Transcription, task: TorqueTask, start: Array, barrier: float, tolerance: float, most: int
-) -> tuple[Array, float]:
-    """Local minimum from ``start``: the unknowns, ``(unknowns, n)``, and the worst |value| / limit at the instants.
+) -> tuple[Array, Array]:
+    """Local minimum from ``start``: the unknowns, ``(unknowns, n)``, and value / limit at the instants.
 
     ``barrier`` is the first barrier parameter, ``tolerance`` that of the index, ``most`` the number of iterations.
+    Loops in place of array expressions take a tenth of the time to compile.
     """
-    weights = tr.weights / tr.weights.sum()
+    total = 0.0
+    for k in range(tr.weights.shape[0]):
+        total += tr.weights[k]
+    weights = np.empty(tr.weights.shape[0])
+    for k in range(tr.weights.shape[0]):
+        weights[k] = tr.weights[k] / total
+    unknowns, n = start.shape
     x, point = start.copy(), evaluate(tr, task, start)
-    rooms = _rooms(point.load)
-    slacks = np.maximum(rooms, min(0.1, 10.0 * barrier))
-    duals = barrier / slacks
+    limits = point.load.shape[0]
+    rooms, slacks, duals = np.empty((2, limits)), np.empty((2, limits)), np.empty((2, limits))
+    slacks_step, duals_step = np.empty((2, limits)), np.empty((2, limits))
+    force, multiplier, stiffness = np.empty(limits), np.empty(limits), np.empty(limits)
+    _set_rooms(point.load, rooms)
+    least = min(0.1, 10.0 * barrier)
+    for side in range(2):
+        for i in range(limits):
+            slacks[side, i] = least if rooms[side, i] < least else rooms[side, i]
+            duals[side, i] = barrier / slacks[side, i]
     eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
-    sign = np.zeros_like(point.tau)
+    sign = np.zeros(point.tau.shape)
     _turn_signs(sign, point.tau, sign, eps, 1.0)
     shift, penalty = 0.0, 1.0
+    move, trial, no_middle = np.empty((unknowns, n)), np.empty((unknowns, n)), np.zeros(task.middle.shape[0])
+    new_rooms, new_slacks = np.empty((2, limits)), np.empty((2, limits))
     for _ in range(most):
         # force and stiffness of the barrier at every limit, and its present multiplier
-        forces, stiffnesses = (barrier + duals * (slacks - rooms)) / slacks, duals / slacks
-        force, multiplier, stiffness = forces[0] - forces[1], duals[0] - duals[1], stiffnesses[0] + stiffnesses[1]
+        for i in range(limits):
+            upper = (barrier + duals[0, i] * (slacks[0, i] - rooms[0, i])) / slacks[0, i]
+            lower = (barrier + duals[1, i] * (slacks[1, i] - rooms[1, i])) / slacks[1, i]
+            force[i], multiplier[i] = upper - lower, duals[0, i] - duals[1, i]
+            stiffness[i] = duals[0, i] / slacks[0, i] + duals[1, i] / slacks[1, i]
 
         # Newton's step of unknowns, torques, loads, slacks and duals
         model = newton_model(tr, task, weights, point, sign, eps, force, multiplier, stiffness)
-        step, shift = _regularised_step(model, shift, x.shape[0])
-        links_step = displace(tr, step.reshape(x.shape))
+        step, shift = _regularised_step(model, shift, unknowns)
+        for i in range(unknowns):
+            for j in range(n):
+                move[i, j] = step[i * n + j]
+        links_step = displace(tr, move)
         tau_step = _torque_step(model, links_step)
-        load_step = bounded(task, links_step, tau_step * task.unit, np.zeros_like(task.middle))
-        slacks_step = rooms - slacks
-        slacks_step[0] -= load_step
-        slacks_step[1] += load_step
-        duals_step = (barrier - duals * slacks_step) / slacks - duals
+        load_step = bounded(task, links_step, tau_step, task.unit, no_middle)
+        bending = infeasibility = 0.0
+        for side in range(2):
+            for i in range(limits):
+                slack, room = slacks[side, i], rooms[side, i]
+                change = room - slack - load_step[i] if side == 0 else room - slack + load_step[i]
+                slacks_step[side, i] = change
+                duals_step[side, i] = (barrier - duals[side, i] * change) / slack - duals[side, i]
+                bending += change / slack
+                infeasibility += abs(slack - room)
         reach = _longest(slacks, slacks_step)
 
         # merit function: index, barrier and penalty on broken limits
         decrement = -dot(model.gradient, step)
-        slope = dot(model.index_gradient, step) - barrier * np.sum(slacks_step / slacks)
-        infeasibility = np.sum(np.abs(slacks - rooms))
+        slope = dot(model.index_gradient, step) - barrier * bending
         if infeasibility > 1e-9:
             penalty = max(penalty, 1.5 * (slope + 0.5 * max(decrement, 0.0)) / infeasibility)
         slope -= penalty * infeasibility
@@ -75,10 +101,12 @@ def solve(
         # line search
         length, accepted = reach, False
         for _halving in range(HALVINGS):
-            trial = x + length * step.reshape(x.shape)
+            for i in range(unknowns):
+                for j in range(n):
+                    trial[i, j] = x[i, j] + length * move[i, j]
             new_point = evaluate(tr, task, trial)
-            new_rooms = _rooms(new_point.load)
-            new_slacks = _advance(slacks, rooms, slacks_step, length, new_rooms)
+            _set_rooms(new_point.load, new_rooms)
+            _advance(slacks, rooms, slacks_step, length, new_rooms, new_slacks)
             new = _merit(weights, task, new_point, new_slacks, new_rooms, barrier, eps, penalty)
             if new <= merit + 1e-4 * length * slope + 1e-12 * abs(merit):
                 accepted = True
@@ -90,27 +118,28 @@ def solve(
             shift = max(1e-2, 10.0 * shift)
             continue
         _turn_signs(sign, point.tau, tau_step, eps, length)
-        duals += _longest(duals, duals_step) * duals_step
-        x, point, rooms, slacks = trial, new_point, new_rooms, new_slacks
-        central = barrier / slacks
-        duals = np.minimum(np.maximum(duals, 1e-8 * central), 1e8 * central)
+        dual_length, central = _longest(duals, duals_step), True
+        for side in range(2):
+            for i in range(limits):
+                middle = barrier / new_slacks[side, i]
+                dual = max(duals[side, i] + dual_length * duals_step[side, i], 1e-8 * middle)
+                duals[side, i] = min(dual, 1e8 * middle)
+                central = central and abs(new_slacks[side, i] - new_rooms[side, i]) < 1e-6
+        x, trial, point = trial, x, new_point
+        rooms, new_rooms, slacks, new_slacks = new_rooms, rooms, new_slacks, slacks
 
         # less or more regularisation, and a smaller barrier once the present one is solved
         if length < 0.4 * reach:
             shift = max(1e-3, 4.0 * shift)
         elif length > 0.9 * reach:
             shift = 0.25 * shift if shift > 1e-4 else 0.0
-        if (
-            length > 0.4 * reach
-            and decrement < max(10.0 * barrier, tolerance)
-            and np.all(np.abs(slacks - rooms) < 1e-6)
-        ):
+        if length > 0.4 * reach and decrement < max(10.0 * barrier, tolerance) and central:
             if barrier <= LAST_BARRIER and decrement < tolerance:
                 break
             barrier = max(LAST_BARRIER, 0.15 * barrier)
             eps = max(LEAST_SMOOTHING, SMOOTHING * barrier)
             penalty = 1.0
-    return x, np.max(np.abs(point.load)) if point.load.size > 0 else 0.0
+    return x, point.load
 
 
 @njit(cache=True, nogil=True)
@@ -123,29 +152,36 @@ def dot(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _rooms(load: Array) -> Array:
-    """Distances of the loads to the upper and to the lower side of their limits, ``(2, points, limits)``."""
-    return np.stack((1.0 - load, 1.0 + load))
+def _set_rooms(load: Array, rooms: Array) -> None:
+    """Distances of the loads to the upper and to the lower side of their limits, to ``rooms`` ``(2, loads)``."""
+    for i in range(load.shape[0]):
+        rooms[0, i], rooms[1, i] = 1.0 - load[i], 1.0 + load[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: float) -> None:
     """Move the duals of |tau| towards the smoothed sign after a full step, within [-1, 1]."""
-    root = np.sqrt(tau * tau + eps * eps)
-    smoothed = tau / root
-    smoothed += (1.0 - sign * smoothed) / root * tau_step
-    sign[:] = np.minimum(1.0, np.maximum(-1.0, sign + length * (smoothed - sign)))
+    for k in range(sign.shape[0]):
+        for j in range(sign.shape[1]):
+            root = np.sqrt(tau[k, j] * tau[k, j] + eps * eps)
+            smoothed = tau[k, j] / root
+            smoothed += (1.0 - sign[k, j] * smoothed) / root * tau_step[k, j]
+            sign[k, j] = min(1.0, max(-1.0, sign[k, j] + length * (smoothed - sign[k, j])))
 
 
 @njit(cache=True, nogil=True)
 def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array, float]:
     """Newton's step, with a shift of the diagonal that makes the matrix positive definite, and that shift."""
-    step, factor = np.zeros_like(model.gradient), np.empty_like(model.hessian)
+    size, width = model.hessian.shape
+    step, factor = np.zeros(size), np.empty((size, width))
     while shift < 1e12:
-        factor[:] = model.hessian
-        factor[:, -1] += shift / unknowns
+        for i in range(size):
+            for j in range(width):
+                factor[i, j] = model.hessian[i, j]
+            factor[i, width - 1] += shift / unknowns
         if factorise(factor):
-            step[:] = -model.gradient
+            for i in range(size):
+                step[i] = -model.gradient[i]
             substitute(factor, step)
             break
         shift = max(1e-3, 4.0 * shift)
@@ -165,24 +201,31 @@ def _torque_step(model: Model, links_step: Array) -> Array:
     return change
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _longest(values: Array, steps: Array) -> float:
     """Largest share of the steps that keeps positive values positive, at most 1."""
-    values, steps, reach = values.ravel(), steps.ravel(), 1.0
-    for i in range(values.shape[0]):
-        if steps[i] < 0.0:
-            reach = min(reach, -TO_BOUNDARY * values[i] / steps[i])
+    reach = 1.0
+    for side in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            if steps[side, i] < 0.0:
+                reach = min(reach, -TO_BOUNDARY * values[side, i] / steps[side, i])
     return reach
 
 
 @njit(cache=True, nogil=True)
-def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms: Array) -> Array:
+def _advance(slacks: Array, rooms: Array, steps: Array, length: float, new_rooms: Array, new_slacks: Array) -> None:
     """Slacks after a step: the room itself where the limit was or is kept, those of Newton's step elsewhere.
 
     Negative, so that the step is refused, where it breaks a limit that was kept.
     """
-    kept = np.where(new_rooms > 0.5 * (1.0 - TO_BOUNDARY) * slacks, new_rooms, -1.0)
-    return np.where(slacks == rooms, kept, np.maximum(new_rooms, slacks + length * steps))
+    for side in range(slacks.shape[0]):
+        for i in range(slacks.shape[1]):
+            slack, room = slacks[side, i], new_rooms[side, i]
+            if slack != rooms[side, i]:
+                stepped = slack + length * steps[side, i]
+                new_slacks[side, i] = stepped if room < stepped else room
+            else:
+                new_slacks[side, i] = room if room > 0.5 * (1.0 - TO_BOUNDARY) * slack else -1.0
 
 
 @njit(cache=True, nogil=True)
@@ -197,7 +240,11 @@ def _merit(
     penalty: float,
 ) -> float:
     """Smoothed index with the barrier of the slacks and an l1 penalty on broken limits; inf outside the barrier."""
-    if not np.all(slacks > 0.0):
-        return np.inf
-    smooth = index(weights, point.tau, task.power, eps)
-    return float(smooth - barrier * np.sum(np.log(slacks)) + penalty * np.sum(np.abs(slacks - rooms)))
+    logarithms = infeasibility = 0.0
+    for side in range(slacks.shape[0]):
+        for i in range(slacks.shape[1]):
+            if not slacks[side, i] > 0.0:
+                return np.inf
+            logarithms += np.log(slacks[side, i])
+            infeasibility += abs(slacks[side, i] - rooms[side, i])
+    return index(weights, point.tau, task.power, eps) - barrier * logarithms + penalty * infeasibility

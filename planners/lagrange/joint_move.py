@@ -147,5 +147,5 @@ def minimise(
     share = np.full(len(LIMIT_KINDS), FIRST_TIGHTENING) if tightening is None else tightening
     transcription = transcribe(basis, move.ends, move.duration)
     start = np.ascontiguousarray(fit(basis, transcription, q))
-    unknowns, load = solve(transcription, move.task(basis, index, share), start, *effort)
-    return Minimum(move, basis, unknowns, load <= 1.0 + 1e-5)
+    unknowns, loads = solve(transcription, move.task(basis, index, share), start, *effort)
+    return Minimum(move, basis, unknowns, bool((np.abs(loads) <= 1.0 + 1e-5).all()))

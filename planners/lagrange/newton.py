@@ -36,7 +36,7 @@ class TorqueTask(NamedTuple):
 
 class Point(NamedTuple):
     """A motion at the instants: link angles with derivatives ``(points, 4, n)``, joint torques in units ``(points,
-    n)``, and the signed value / limit of every limit ``(points, limits)``.
+    n)``, and the signed value / limit of every limit at every instant, ``(points * limits,)``.
     """
 
     links: Array
@@ -56,7 +56,7 @@ class Model(NamedTuple):
     jacobians: Array
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def displace(tr: Transcription, x: Array) -> Array:
     """Change of the links' motion by a change ``x`` ``(unknowns, n)`` of the unknowns, ``(points, 4, n)``."""
     points, orders, support = tr.functions.shape
@@ -70,32 +70,41 @@ def displace(tr: Transcription, x: Array) -> Array:
     return links
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(tr: Transcription, task: TorqueTask, x: Array) -> Point:
     """Motion, torques and loads for unknowns ``x`` ``(unknowns, n)``."""
-    links = displace(tr, x) + tr.base
-    tau = np.empty((links.shape[0], x.shape[1]))
-    for k in range(links.shape[0]):
+    links = displace(tr, x)
+    points, orders, n = links.shape
+    tau = np.empty((points, n))
+    for k in range(points):
+        for d in range(orders):
+            for j in range(n):
+                links[k, d, j] += tr.base[k, d, j]
         torques_single(task.coupling, task.weight, links[k], tau[k])
-    return Point(links, tau / task.unit, bounded(task, links, tau, task.middle))
+    load = bounded(task, links, tau, 1.0, task.middle)
+    for k in range(points):
+        for j in range(n):
+            tau[k, j] /= task.unit
+    return Point(links, tau, load)
 
 
 @njit(cache=True, nogil=True)
-def bounded(task: TorqueTask, links: Array, tau: Array, middle: Array) -> Array:
-    """Every limited value, less its ``middle``, over its limit, from the links' motion and the torques (N m):
-    ``(points, limits)``.
+def bounded(task: TorqueTask, links: Array, tau: Array, unit: float, middle: Array) -> Array:
+    """Every limited value, less its ``middle``, over its limit, from the links' motion and the torques in units (N m):
+    ``(points * limits,)``.
     """
-    load = np.empty((links.shape[0], task.orders.shape[0]))
-    for c in range(task.orders.shape[0]):
+    limits = task.orders.shape[0]
+    load = np.empty(links.shape[0] * limits)
+    for c in range(limits):
         order, joint = task.orders[c], task.joints[c]
         for k in range(links.shape[0]):
             if order < 0:
-                value = tau[k, joint]
+                value = tau[k, joint] * unit
             else:
                 value = links[k, order, joint]
                 if joint > 0:
                     value -= links[k, order, joint - 1]
-            load[k, c] = (value - middle[c]) * task.inverse_limits[k, c]
+            load[k * limits + c] = (value - middle[c]) * task.inverse_limits[k, c]
     return load
 
 
@@ -110,7 +119,7 @@ def index(weights: Array, tau: Array, power: int, eps: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def newton_model(
     tr: Transcription, task: TorqueTask, weights: Array, point: Point, sign: Array, eps: float,
     force: Array, multiplier: Array, stiffness: Array,
@@ -123,11 +132,13 @@ def newton_model(
         point: of `evaluate`.
         sign, eps: dual variable of every torque, in [-1, 1], ``(points, n)``, and width of the smoothed |tau|, units.
         force, multiplier, stiffness: derivative of the barrier by every load, present multiplier and second
-            derivative of the barrier, ``(points, limits)`` each.
+            derivative of the barrier, ``(points * limits,)`` each.
     """
     points, n = point.tau.shape
     support = tr.functions.shape[2]
-    size = (tr.first.max() + support) * n
+    size, limits = 0, task.orders.shape[0]
+    for first in tr.first:
+        size = max(size, (first + support) * n)
     hessian = np.zeros((size, support * n))
     gradient, index_gradient = np.zeros(size), np.zeros(size)
     jacobians = np.empty((points, n, 3, n))
@@ -138,8 +149,12 @@ def newton_model(
     links_gradient, index_links_gradient = np.empty((4, n)), np.empty((4, n))
     slopes, bends, factors = np.empty(n), np.empty(n), np.empty(n)
     for k in range(points):
-        curvature[:] = 0.0
-        index_links_gradient[:] = 0.0
+        for d in range(4):
+            for j in range(n):
+                index_links_gradient[d, j] = 0.0
+                for e in range(4):
+                    for a in range(n):
+                        curvature[d, j, e, a] = 0.0
         for j in range(n):
             tau = point.tau[k, j]
             if task.power == 1:
@@ -151,17 +166,21 @@ def newton_model(
             factors[j] = slopes[j] / task.unit
         torque_jacobian_single(task.coupling, task.weight, point.links[k], jacobians[k])
         jacobian = jacobians[k]
-        jacobian /= task.unit
+        for j in range(n):
+            for d in range(3):
+                for a in range(n):
+                    jacobian[j, d, a] /= task.unit
         _add_torques(slopes, bends, jacobian, index_links_gradient, curvature)
-        links_gradient[:] = index_links_gradient
-        slopes[:] = 0.0
-        bends[:] = 0.0
-        for c in range(task.orders.shape[0]):
+        for j in range(n):
+            slopes[j] = bends[j] = 0.0
+            for d in range(4):
+                links_gradient[d, j] = index_links_gradient[d, j]
+        for c in range(limits):
             order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[k, c]
-            slope, bend = force[k, c] * inverse, stiffness[k, c] * inverse * inverse
+            slope, bend = force[k * limits + c] * inverse, stiffness[k * limits + c] * inverse * inverse
             if order < 0:
                 slopes[j], bends[j] = slope * task.unit, bend * task.unit**2
-                factors[j] += multiplier[k, c] * inverse
+                factors[j] += multiplier[k * limits + c] * inverse
                 continue
             links_gradient[order, j] += slope
             curvature[order, j, order, j] += bend

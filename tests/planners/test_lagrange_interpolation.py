@@ -168,7 +168,7 @@ def test_gradient_and_hessian_of_the_index(power: int, basis: Basis) -> None:
     def model(unknowns: Array) -> tuple[Array, Array, Array]:
         point = evaluate(tr, task, unknowns)
         sign = point.tau / np.sqrt(point.tau**2 + eps**2)  # where the dual is the primal the Hessian is exact
-        found = newton_model(tr, task, tr.weights, point, sign, eps, nothing, nothing, nothing)
+        found = newton_model(tr, task, tr.weights, point, sign, eps, *np.zeros((3, 0)))
         return found.gradient, found.index_gradient, full(found.hessian)
 
     gradient, index_gradient, hessian = model(x)
