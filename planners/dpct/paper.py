@@ -170,7 +170,7 @@ def plan_paper(problem: MotionProblem, *, grid: tuple[int, int] = (50, 100), rea
 
     Returns:
         The phase path executed with constant dx2/dt between stages, so that it ends with the part where it can; see
-        :func:`execute`. Nothing is scaled to fit: its ``limit_ratios`` may be above 1.
+        :func:`planners.dpct.paper.execute`. Nothing is scaled to fit: its ``limit_ratios`` may be above 1.
 
     Raises:
         ValueError: if the problem is not of this kind.

@@ -88,7 +88,7 @@ def plan_optimal(
 
     Args:
         problem: the start, the target and the limits.
-        objective: ``"PI1"``, the integral of sum |tau| (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
+        objective: ``"PI1"``, the integral of sum abs(tau) (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
         nodes: of the interpolation, both ends included.
         polish: improve the plan on a dense transcription, 150 stages of linear acceleration.
         elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.

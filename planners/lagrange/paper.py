@@ -75,7 +75,7 @@ def plan_paper(
             interior ones are those of eq 7, the first and the last the ends, as in eq 13.
         degree: for Algorithm 2, n of eq 12.
         grid: for each joint the values to try: angles (rad) at the interior nodes, or coefficients a_jk (rad/s^k). By
-            default those of Table 3 (see :func:`node_angles`), or -16 to 16 by halves.
+            default those of Table 3 (`planners.lagrange.paper.node_angles`), or -16 to 16 by halves.
         clamped: start with the problem's velocity, and end at rest; the degree of the Lagrange motion grows by 2, and
             the first and last nodes are at the ends. The paper fixes no velocity.
         steps: of the trapezoidal rule for PI in the search.

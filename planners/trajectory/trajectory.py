@@ -70,7 +70,7 @@ class Trajectory:
 
     @property
     def limit_ratios(self) -> Mapping[str, float]:
-        """Worst |value| / limit over the continuous motion and all joints, for each kind of limit.
+        """Worst magnitude / limit over the continuous motion and all joints, for each kind of limit.
 
         The kinds are ``torque``, ``velocity``, ``acceleration``, ``jerk`` and ``angle`` (from the middle of the range).
         The ratio is 0 where there is no limit, and that of jerk inf where the acceleration jumps in spite of one.

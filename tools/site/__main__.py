@@ -36,7 +36,8 @@ def main(options: SiteOptions) -> int:
         raise SystemExit('the site needs Sphinx: pip install -c constraints.txt -e ".[docs]"') from None
 
     pages, out = str(ROOT / "docs"), str(options.out)
-    code = int(build_main(["-b", "html", "-n", "-W", "--keep-going", "-q", "-d", f"{out}/.doctrees", pages, out]))
+    folders = ["-d", f"{out}/.doctrees", "-D", f"nb_execution_cache_path={out}/.notebooks"]
+    code = int(build_main(["-b", "html", "-n", "-W", "--keep-going", "-q", *folders, pages, out]))
     if code == 0 and options.serve:
         handler = partial(SimpleHTTPRequestHandler, directory=out)
         with ThreadingHTTPServer(("127.0.0.1", options.port), handler) as server:
