@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from agents.evaluation.scoring import compare
     from agents.evaluation.scoring import score_leaderboard as leaderboard
     from agents.policies.agent import Agent
+    from agents.policies.export import export_agent
     from agents.policies.files import load_agent, save_agent
     from agents.training.vec_env import NativeVecEnv
 
@@ -20,6 +21,7 @@ __all__ = [
     "Scoreboard",
     "compare",
     "evaluate",
+    "export_agent",
     "leaderboard",
     "load_agent",
     "save_agent",
@@ -32,6 +34,7 @@ _HOMES = {
     "Scoreboard": "agents.evaluation.scoreboard:Scoreboard",
     "compare": "agents.evaluation.scoring:compare",
     "evaluate": "agents.evaluation.evaluate:evaluate",
+    "export_agent": "agents.policies.export:export_agent",
     "leaderboard": "agents.evaluation.scoring:score_leaderboard",
     "load_agent": "agents.policies.files:load_agent",
     "save_agent": "agents.policies.files:save_agent",

@@ -24,9 +24,13 @@ Actions = NDArray[np.float32]
 
 ACTION_SETTINGS = ("control_mode",)
 """Settings of an environment that define what an action means and do not change the task."""
-FORMAT, SQUASHED_FORMAT = 1, 2
-"""Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3)."""
+FORMAT, SQUASHED_FORMAT, NORMALIZED = 1, 2, 2
+"""Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3); and
+what is added to them if the observations are normalised first, as by VecNormalize."""
+FORMATS = (FORMAT, SQUASHED_FORMAT, FORMAT + NORMALIZED, SQUASHED_FORMAT + NORMALIZED)
+"""All versions that can be read."""
 _MOST_LAYERS = 64
+_NORMAL = ("normal.mean", "normal.std", "normal.clip")
 _LOG_STD_RANGE = np.float32(-20.0), np.float32(2.0)  # of SAC's noise, as Stable-Baselines3 limits it
 
 
@@ -38,7 +42,8 @@ class Agent:
     ``fine.index``, ``fine.gain``, and ``weight`` (outputs, inputs) and ``bias`` of each layer, as in ``layer0.weight``.
     Actions of `FORMAT` are clipped to [-1, 1], and ``log_std`` is the logarithm of their standard deviation. Those of
     `SQUASHED_FORMAT` are the tanh of what is drawn; ``log_std.weight`` and ``log_std.bias`` give the logarithm of the
-    standard deviation before it from the last hidden layer, and without them nothing is drawn.
+    standard deviation before it from the last hidden layer, and without them nothing is drawn. With `NORMALIZED` added
+    to the format, x is the observation minus ``normal.mean``, over ``normal.std``, clipped to ``normal.clip``.
 
     Attributes:
         document: its JSON: environment, layout, architecture, training, scores.
@@ -55,7 +60,7 @@ class Agent:
         hidden = self.document["hidden"]
         if not isinstance(hidden, (list, tuple)) or len(hidden) > _MOST_LAYERS:
             raise ValueError(f"hidden {hidden!r:.80} of an agent must list the widths of at most {_MOST_LAYERS} layers")
-        _check_tensors(self.tensors, len(hidden) + 1, squashed=self.squashed)
+        _check_tensors(self.tensors, len(hidden) + 1, squashed=self.squashed, normalized=self.normalized)
 
     @property
     def env_id(self) -> str:
@@ -75,7 +80,12 @@ class Agent:
     @property
     def squashed(self) -> bool:
         """Whether its actions are the tanh of the network's output, instead of clipped."""
-        return bool(self.document.get("format") == SQUASHED_FORMAT)
+        return self.document.get("format") in (SQUASHED_FORMAT, SQUASHED_FORMAT + NORMALIZED)
+
+    @property
+    def normalized(self) -> bool:
+        """Whether its observations are normalised before the network."""
+        return self.document.get("format") in (FORMAT + NORMALIZED, SQUASHED_FORMAT + NORMALIZED)
 
     @property
     def observation_size(self) -> int:
@@ -108,6 +118,9 @@ class Agent:
             raise ValueError(
                 f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
             )
+        if self.normalized:  # in float64, as VecNormalize does
+            mean, std, clip = (self.tensors[name] for name in _NORMAL)
+            batch = np.clip((batch - mean) / std, -clip, clip).astype(np.float32)
         n = self.tensors[f"layer{len(self.document['hidden'])}.bias"].size
         outputs = self._network.run(np.ascontiguousarray(batch))
         actions: Actions = outputs[:, :n]
@@ -180,13 +193,15 @@ def _in_words(arm: Arm) -> str:
     return f"{arm.name} (links of {lengths} m and {masses} kg)"
 
 
-def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
+def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool, normalized: bool) -> None:
     """Raise a ValueError unless the layers fit together, so that compiled code reads nothing beside them."""
     names = [f"layer{layer}.{part}" for layer in range(layers) for part in ("weight", "bias")]
     noise: tuple[str, ...] = ("log_std.weight", "log_std.bias") if squashed else ("log_std",)
     if squashed and not any(name in tensors for name in noise):
         noise = ()  # of TD3
-    dimensions = {name: 2 if name.endswith("weight") else 1 for name in ("fine.index", "fine.gain", *noise, *names)}
+    normal = _NORMAL if normalized else ()
+    listed = ("fine.index", "fine.gain", *normal, *noise, *names)
+    dimensions = {name: 2 if name.endswith("weight") else 1 for name in listed}
     missing = [name for name in dimensions if name not in tensors]
     if missing:
         raise ValueError(f"an agent lacks the tensors {', '.join(missing)}")
@@ -201,6 +216,10 @@ def _check_tensors(tensors: Tensors, layers: int, *, squashed: bool) -> None:
         raise ValueError(
             f"fine.index of an agent must name elements of observations of {max(observed, 0)}, each with its fine.gain"
         )
+    for name in normal:
+        size = 1 if name == "normal.clip" else observed
+        if tensors[name].size != size:
+            raise ValueError(f"{name} of an agent has {tensors[name].size} elements; expected {size}")
     for layer in range(layers):
         weight, bias = tensors[f"layer{layer}.weight"], tensors[f"layer{layer}.bias"]
         following = tensors[f"layer{layer + 1}.weight"].shape[1] if layer + 1 < layers else last

@@ -17,7 +17,7 @@ from safetensors.numpy import load, save
 
 import envs
 from agents.environments import check_names, portable
-from agents.policies.agent import FORMAT, SQUASHED_FORMAT, Agent
+from agents.policies.agent import FORMATS, Agent
 from envs.observation import Layout
 from envs.settings import refuse_unknown
 from planners.checks import brief
@@ -28,6 +28,7 @@ _REQUIRED = ("format", "sha256", "env", "env_config", "layout_hash", "activation
 _REPLACED = "replaced"  # key of the JSON of the weights that are about to be replaced
 _ATTEMPTS = 20
 _MOST_LOG_STD = 80.0  # its exponential is a float32
+_NORMAL_RANGES = {"normal.mean": (-1e9, 1e9), "normal.std": (1e-9, 1e9), "normal.clip": (1e-9, 1e9)}
 MOST_BYTES, MOST_JSON_BYTES = 1 << 28, 1 << 20
 """Largest sizes of the files of an agent, bytes: of its weights, and of its JSON."""
 _SHIPPED = resources.files("agents.policies").joinpath("trained")
@@ -63,17 +64,16 @@ def load_agent(source: str | Path) -> Agent:
     missing = [name for name in _REQUIRED if not isinstance(document, dict) or name not in document]
     if missing:
         raise ValueError(f"{path.with_suffix('.json')} lacks {', '.join(missing)}")
-    if document["format"] not in (FORMAT, SQUASHED_FORMAT):
+    if not isinstance(document["format"], int) or document["format"] not in FORMATS:
         raise ValueError(
-            f"{path} has format {brief(document['format'])}; this version of planarm reads {FORMAT} and "
-            f"{SQUASHED_FORMAT}"
+            f"{path} has format {brief(document['format'])}; this version of planarm reads {FORMATS[0]} to "
+            f"{FORMATS[-1]}"
         )
     if document["sha256"] != _hash(content):
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
     try:
         layout = layout_of(str(document["env"]), document["env_config"])
-        agent = Agent(document, tensors)
-        _check_values(agent)
+        agent = check_agent(Agent(document, tensors))
     except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     _check_layout(path, document, layout)
@@ -104,13 +104,17 @@ def save_agent(agent: Agent, path: Path) -> None:
         write_json(beside, document)
 
 
-def _check_values(agent: Agent) -> None:
-    """Raise a ValueError for weights with which an agent cannot act, as after training that diverged."""
+def check_agent(agent: Agent) -> Agent:
+    """An agent as it is; a ValueError for weights with which it cannot act, as after training that diverged."""
     for name, tensor in agent.tensors.items():
         if not np.isfinite(tensor).all():
             raise ValueError(f"{name} of an agent holds values that are not finite")
     if "log_std" in agent.tensors and (np.abs(agent.tensors["log_std"]) > _MOST_LOG_STD).any():
         raise ValueError(f"log_std of an agent must lie within {_MOST_LOG_STD} of 0")
+    for name, (least, most) in _NORMAL_RANGES.items() if agent.normalized else ():
+        if not ((agent.tensors[name] >= least) & (agent.tensors[name] <= most)).all():
+            raise ValueError(f"{name} of an agent must lie from {least:g} to {most:g}")
+    return agent
 
 
 def _weights(path: Path) -> bytes:

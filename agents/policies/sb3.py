@@ -25,14 +25,14 @@ class NormalizedPolicy:
 
     def __init__(self, model: Any, statistics: Any) -> None:
         self.observation_space, self.action_space = model.observation_space, model.action_space
-        self._model, self._statistics = model, statistics
+        self.model, self.statistics = model, statistics
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Any, Any]:
         """As the model's, for observations as the environment gives them."""
-        seen = self._statistics.normalize_obs(observation)
-        answer: tuple[Any, Any] = self._model.predict(seen, state, episode_start, deterministic)
+        seen = self.statistics.normalize_obs(observation)
+        answer: tuple[Any, Any] = self.model.predict(seen, state, episode_start, deterministic)
         return answer
 
 

@@ -17,7 +17,7 @@ import pytest
 from safetensors.numpy import load, save
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.agent import FORMAT, SQUASHED_FORMAT
+from agents.policies.agent import FORMAT, NORMALIZED, SQUASHED_FORMAT
 from agents.policies.files import describe_layout, layout_of, shipped_agents
 from agents.training.recipe import EVALUATION_SEED, TrainingConfig
 
@@ -295,3 +295,41 @@ def test_shipped_agents_score_what_their_json_says(name: str) -> None:
 def test_an_agents_score_does_not_depend_on_the_number_of_environments() -> None:
     few, many = (evaluate("agent", ENV, range(12), num_envs=num_envs) for num_envs in (5, 256))
     np.testing.assert_array_equal(few.returns, many.returns)
+
+
+def normalized(**changes: Any) -> Agent:
+    """An agent that sees its observations normalised."""
+    plain = agent()
+    size = plain.observation_size
+    normal = {"mean": np.linspace(-0.5, 0.5, size), "std": np.linspace(0.3, 2.0, size), "clip": np.array([1.2])}
+    tensors = {f"normal.{name}": value for name, value in {**normal, **changes}.items()}
+    return Agent({**plain.document, "format": FORMAT + NORMALIZED}, {**plain.tensors, **tensors})
+
+
+def test_observations_are_normalised_before_the_network(tmp_path: Path) -> None:
+    one, plain = normalized(), agent()
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (9, one.observation_size)).astype(np.float32)
+    by_hand = np.clip((seen - one.tensors["normal.mean"]) / one.tensors["normal.std"], -1.2, 1.2).astype(np.float32)
+    save_agent(one, tmp_path / "one.safetensors")
+    actions = load_agent(tmp_path / "one.safetensors").predict(seen, deterministic=True)[0]
+    np.testing.assert_array_equal(actions, plain.predict(by_hand, deterministic=True)[0])
+    assert not np.array_equal(actions, plain.predict(seen, deterministic=True)[0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"std": np.zeros(18)}, "normal.std of an agent must lie from 1e-09 to 1e.09"),
+        ({"mean": np.zeros(3)}, "normal.mean of an agent has 3 elements; expected 18"),
+        ({"clip": np.array([np.inf])}, "normal.clip of an agent holds values that are not finite"),
+        ({"clip": np.array([1])}, "normal.clip of an agent has shape .* of int64; expected 1 dimensions of floats"),
+    ],
+    ids=str,
+)
+def test_impossible_normalisation_is_refused(changes: dict[str, Any], complaint: str, tmp_path: Path) -> None:
+    def saved_and_loaded() -> Agent:
+        save_agent(normalized(**changes), tmp_path / "one.safetensors")
+        return load_agent(tmp_path / "one.safetensors")
+
+    with pytest.raises(ValueError, match=complaint):
+        saved_and_loaded()
