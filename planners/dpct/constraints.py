@@ -80,7 +80,7 @@ def advance(z: Array, control: float, h: float, after: Array) -> None:
 def cost_matrices(durations: Array) -> tuple[Array, Array]:
     """Exact integrals of e^2 and of (T e')^2 over scaled time, as quadratic forms of ``(z, j)``: each ``(N, 4, 4)``."""
     stages = durations.shape[0]
-    taylor = np.array([1.0, 1.0, 0.5, 1.0 / 6.0])
+    taylor = (1.0, 1.0, 0.5, 1.0 / 6.0)
     position, velocity = np.zeros((stages, 4, 4)), np.zeros((stages, 4, 4))
     for k in range(stages):
         h = durations[k]
@@ -94,13 +94,12 @@ def cost_matrices(durations: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True)
-def tracking_index(tracking: Tracking, z: Array, control: Array, time: float) -> float:
-    """The index J of eq 18, in squared units of r times s."""
-    position, velocity = cost_matrices(tracking.durations)
+def tracking_index(position: Array, velocity: Array, z: Array, control: Array, time: float) -> float:
+    """The index J of eq 18, in squared units of r times s, from the integrals of `cost_matrices`."""
     x = np.empty(4)
     total = 0.0
     for k in range(control.shape[0]):
-        x[:3], x[3] = z[k], control[k]
+        x[0], x[1], x[2], x[3] = z[k, 0], z[k, 1], z[k, 2], control[k]
         for a in range(4):
             for b in range(4):
                 total += x[a] * (time * position[k, a, b] + velocity[k, a, b] / time) * x[b]
@@ -114,25 +113,26 @@ def bounded_rows(tracking: Tracking) -> Array:
     per_point = 3 * n + POINT_ROWS
     bounded = np.zeros((stages, 2 * per_point + 3 * n + 1, 2), dtype=np.bool_)
     for k in range(stages):
-        for point in range(2):
-            base = point * per_point
-            given = k == 0 and point == 0  # nothing to decide at the start but a free acceleration
-            for i in range(n):
-                for kind in range(3):
-                    decided = not given or (tracking.free_acceleration and kind != 1)
-                    bounded[k, base + 3 * i + kind, :] = decided and tracking.inverse_limits[kind, i] > 0.0
-            if not given:
-                bounded[k, base + 3 * n, :] = True
-                bounded[k, base + 3 * n + 1, 0] = tracking.slowest > -np.inf
-                bounded[k, base + 3 * n + 2, :] = tracking.error_bounds[k, 0] < np.inf
-                bounded[k, base + 3 * n + 3, :] = tracking.error_bounds[k, 1] < np.inf
-        for point in range(3):
-            for i in range(n):
-                bounded[k, 2 * per_point + point * n + i, :] = tracking.inverse_limits[3, i] > 0.0
+        for side in range(2):
+            for point in range(2):
+                base = point * per_point
+                given = k == 0 and point == 0  # nothing to decide at the start but a free acceleration
+                for i in range(n):
+                    for kind in range(3):
+                        decided = not given or (tracking.free_acceleration and kind != 1)
+                        bounded[k, base + 3 * i + kind, side] = decided and tracking.inverse_limits[kind, i] > 0.0
+                if not given:
+                    bounded[k, base + 3 * n, side] = True
+                    bounded[k, base + 3 * n + 1, side] = side == 0 and tracking.slowest > -np.inf
+                    bounded[k, base + 3 * n + 2, side] = tracking.error_bounds[k, 0] < np.inf
+                    bounded[k, base + 3 * n + 3, side] = tracking.error_bounds[k, 1] < np.inf
+            for point in range(3):
+                for i in range(n):
+                    bounded[k, 2 * per_point + point * n + i, side] = tracking.inverse_limits[3, i] > 0.0
     return bounded
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(
     tracking: Tracking,
     time: float,
@@ -171,7 +171,8 @@ def evaluate(
             by_time[3] = -3.0 * j / time
             look_up(tracking.table_start, tracking.table_step, tracking.table, r, table, slope)
             for i in range(n):
-                f1, f2, f3, inertia, bias, weight = table[:, i]
+                f1, f2, f3 = table[0, i], table[1, i], table[2, i]
+                inertia, bias, weight = table[3, i], table[4, i], table[5, i]
                 if point < 2:
                     # torque, eq 12; velocity, eq 10; acceleration, eq 11
                     row = point * per_point + 3 * i
@@ -207,7 +208,9 @@ def evaluate(
                 c = 1.0 / tracking.error_bounds[k, 1]
                 value[k, row + 3] = c * local[1] / time
                 _chain(gradient[k, row + 3], s, time, by_time, 0.0, c, 0.0, 0.0)
-        value[k, -1], gradient[k, -1] = 0.0, 0.0
+        value[k, -1] = 0.0
+        for i in range(5):
+            gradient[k, -1, i] = 0.0
         elapsed += tracking.durations[k]
     if time_low < time_high:
         half = 0.5 * (time_high - time_low)
@@ -215,7 +218,7 @@ def evaluate(
         gradient[0, -1, 3] = 1.0 / half
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _chain(out: Array, s: float, time: float, by_time: Array, dr: float, dv: float, da: float, dj: float) -> None:
     """Gradient by ``(z, T, j)`` of a quantity with derivatives ``dr .. dj`` by r .. r''' at ``s`` into the stage."""
     v, a, j = dv / time, da / time**2, dj / time**3

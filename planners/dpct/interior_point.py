@@ -55,7 +55,7 @@ class Solution(NamedTuple):
     violation: float
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve(
     tracking: Tracking,
     time: float,
@@ -83,22 +83,51 @@ def solve(
     stages = tracking.durations.shape[0]
     position_cost, velocity_cost = cost_matrices(tracking.durations)
     bounded = bounded_rows(tracking)
-    bounded[0, -1, :] = free_time
-    bounds = max(int(np.sum(bounded)), 1)
     rows = bounded.shape[1]
+    bounded[0, -1, 0] = bounded[0, -1, 1] = free_time
+    bounds = 0
+    for k in range(stages):
+        for row in range(rows):
+            bounds += int(bounded[k, row, 0]) + int(bounded[k, row, 1])
+    bounds = max(bounds, 1)
     value, gradient = np.empty((stages, rows)), np.empty((stages, rows, 5))
     hessian, linear = np.empty((stages, 5, 5)), np.empty((stages, 5))
+    slack, dual = np.empty((stages, rows, 2)), np.empty((stages, rows, 2))
     slack_step, dual_step = np.empty((stages, rows, 2)), np.empty((stages, rows, 2))
 
     acceleration = tracking.start[2]
     control = _quintic_control(tracking, time)
-    z = roll_out(tracking, time, acceleration, control)
-    evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
     gap = FIRST_GAP
-    slack, dual = _first_slacks(bounded, value, gap)
+    primal, dual_length, time_step = 1.0, 1.0, 0.0
     centring, violation, converged, iterations, stalled = 1.0, np.inf, False, 0, 0
-    for iteration in range(max_iterations):
-        iterations = iteration + 1
+    while True:
+        z = roll_out(tracking, time, acceleration, control)
+        evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
+        if iterations == 0:
+            _first_slacks(bounded, value, gap, slack, dual)
+        else:
+            # done, stalled, or on with a smaller barrier
+            violation, gap = _excess(bounded, value), 0.0
+            for k in range(stages):
+                for row in range(rows):
+                    gap += slack[k, row, 0] * dual[k, row, 0]
+                    gap += slack[k, row, 1] * dual[k, row, 1]
+            gap /= bounds
+            end, end_rate, end_bend = abs(z[stages, 0]), abs(z[stages, 1]), abs(z[stages, 2])
+            if not np.isfinite(end + end_rate + end_bend + gap):
+                break
+            settled = primal > 0.9 and (not free_time or abs(time_step) < SETTLED * time)
+            if violation < FEASIBLE and max(end, end_rate, end_bend) < CLOSED and gap < final_gap and settled:
+                converged = True
+                break
+            stalled = stalled + 1 if primal < STALL else 0
+            if stalled == STALLS:
+                break
+            smaller = min(primal, dual_length)
+            centring = 0.1 if smaller > 0.9 else 0.2 if smaller > 0.5 else 0.5
+        if iterations >= max_iterations:
+            break
+        iterations += 1
         # Newton's step: the quadratic model by (z, T, j) of each stage, solved over the stages (eq 29, 30)
         barrier = centring * gap
         _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
@@ -108,37 +137,33 @@ def solve(
         # as far as slacks, multipliers and T may go
         primal, dual_length = _slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
         if free_time:
-            primal = min(primal, max_time_change * time / max(abs(start_step[0]), 1e-300))
-            time += primal * start_step[0]
+            time_step = start_step[0]
+            primal = min(primal, max_time_change * time / max(abs(time_step), 1e-300))
+            time += primal * time_step
         if tracking.free_acceleration:
             acceleration += primal * start_step[-1]
-        control += primal * steps[:, 4]
-        slack += primal * slack_step
-        dual += dual_length * dual_step
-        z = roll_out(tracking, time, acceleration, control)
-        evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
-        # done, stalled, or on with a smaller barrier
-        violation, gap = _excess(bounded, value), np.sum(slack * dual) / bounds
-        end_error = np.max(np.abs(z[stages]))
-        if not np.isfinite(end_error + gap):
-            break
-        settled = primal > 0.9 and (not free_time or abs(start_step[0]) < SETTLED * time)
-        if violation < FEASIBLE and end_error < CLOSED and gap < final_gap and settled:
-            converged = True
-            break
-        stalled = stalled + 1 if primal < STALL else 0
-        if stalled == STALLS:
-            break
-        smaller = min(primal, dual_length)
-        centring = 0.1 if smaller > 0.9 else 0.2 if smaller > 0.5 else 0.5
+        for k in range(stages):
+            control[k] += primal * steps[k, 4]
+            for row in range(rows):
+                for side in range(2):
+                    slack[k, row, side] += primal * slack_step[k, row, side]
+                    dual[k, row, side] += dual_length * dual_step[k, row, side]
     if converged:  # what is left of z_N goes by the least change of the control
-        hessian[:], linear[:] = 0.0, 0.0
-        hessian[:, 4, 4] = 1.0
+        for k in range(stages):
+            for a in range(5):
+                linear[k, a] = 0.0
+                for b in range(5):
+                    hessian[k, a, b] = 0.0
+            hessian[k, 4, 4] = 1.0
         steps, _ = solve_stages(tracking.durations, hessian, linear, z[stages], np.empty((0, 4)))
-        control += steps[:, 4]
+        for k in range(stages):
+            control[k] += steps[k, 4]
         z = roll_out(tracking, time, acceleration, control)
-    cost = tracking_index(tracking, z, control, time)
-    return converged, time, acceleration, control / time**3, cost, iterations, violation
+    cost = tracking_index(position_cost, velocity_cost, z, control, time)
+    cube = time**3
+    for k in range(stages):
+        control[k] /= cube
+    return converged, time, acceleration, control, cost, iterations, violation
 
 
 @njit(cache=True, nogil=True)
@@ -165,7 +190,8 @@ def guess_time(tracking: Tracking, time_low: float, time_high: float) -> float:
 def quintic_index(tracking: Tracking, time: float) -> float:
     """The tracking index of the quintic from the start to a rendezvous at a time."""
     control = _quintic_control(tracking, time)
-    return tracking_index(tracking, roll_out(tracking, time, tracking.start[2], control), control, time)
+    position, velocity = cost_matrices(tracking.durations)
+    return tracking_index(position, velocity, roll_out(tracking, time, tracking.start[2], control), control, time)
 
 
 @njit(cache=True, nogil=True)
@@ -184,15 +210,20 @@ def _quintic_control(tracking: Tracking, time: float) -> Array:
     return control
 
 
-@njit(cache=True, nogil=True)
-def _first_slacks(bounded: Array, value: Array, barrier: float) -> tuple[Array, Array]:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dual: Array) -> None:
     """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
-    rooms = np.stack((1.0 + value, 1.0 - value), axis=2)
-    slack = np.where(bounded, np.maximum(rooms, FIRST_SLACK), 1.0)
-    return slack, np.where(bounded, barrier / slack, 0.0)
+    for k in range(value.shape[0]):
+        for row in range(value.shape[1]):
+            for side in range(2):
+                slack[k, row, side], dual[k, row, side] = 1.0, 0.0
+                if bounded[k, row, side]:
+                    room = 1.0 - value[k, row] if side == 1 else 1.0 + value[k, row]
+                    slack[k, row, side] = FIRST_SLACK if room < FIRST_SLACK else room
+                    dual[k, row, side] = barrier / slack[k, row, side]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _index_model(
     position_cost: Array,
     velocity_cost: Array,
@@ -208,9 +239,11 @@ def _index_model(
     place = (0, 1, 2, 4)  # of z and j in (z, T, j)
     x = np.empty(4)
     for k in range(control.shape[0]):
-        x[:3], x[3] = z[k], control[k]
-        hessian[k] = 0.0
-        linear[k] = 0.0
+        x[0], x[1], x[2], x[3] = z[k, 0], z[k, 1], z[k, 2], control[k]
+        for a in range(5):
+            linear[k, a] = 0.0
+            for b in range(5):
+                hessian[k, a, b] = 0.0
         for a in range(4):
             for b in range(4):
                 position, velocity = weight_error * position_cost[k, a, b], weight_error * velocity_cost[k, a, b]
@@ -223,7 +256,7 @@ def _index_model(
     linear[0, 3] += weight_time
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _barrier_model(
     bounded: Array,
     value: Array,
@@ -268,7 +301,7 @@ def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time
     return basis
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _slack_steps(
     bounded: Array,
     value: Array,
@@ -305,5 +338,11 @@ def _slack_steps(
 @njit(cache=True, nogil=True)
 def _excess(bounded: Array, value: Array) -> float:
     """Largest excess of a scaled limit, 0 if there is none."""
-    excess = np.where(bounded, np.stack((-value, value), axis=2) - 1.0, 0.0)
-    return float(max(0.0, np.max(excess)))
+    excess = 0.0
+    for k in range(value.shape[0]):
+        for row in range(value.shape[1]):
+            if bounded[k, row, 0]:
+                excess = max(excess, -value[k, row] - 1.0)
+            if bounded[k, row, 1]:
+                excess = max(excess, value[k, row] - 1.0)
+    return excess

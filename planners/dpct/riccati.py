@@ -19,7 +19,7 @@ from numba import njit
 from planners.typing import Array
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Array, basis: Array) -> tuple[Array, Array]:
     """Optimal steps ``w``, ``(N, 5)``, and ``y``, ``(free,)``; not finite where there is no solution.
 
@@ -33,7 +33,9 @@ def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Arra
     # u = gain x + offset + answer nu
     gain, offset, answer = np.empty((stages, 4)), np.empty(stages), np.empty((stages, 3))
     p_matrix, p_vector = np.zeros((4, 4)), np.zeros(4)
-    e_matrix, e_vector, w_matrix = np.eye(3, 4), residual.copy(), np.zeros((3, 3))
+    e_matrix, e_vector, w_matrix = np.zeros((3, 4)), residual.copy(), np.zeros((3, 3))
+    for a in range(3):
+        e_matrix[a, a] = 1.0
     column = np.empty(4)
     for k in range(stages - 1, -1, -1):
         h, h_stage, g_stage = durations[k], hessian[k], linear[k]
@@ -57,7 +59,8 @@ def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Arra
         for a in range(4):
             _pull_back(p_matrix[a], h)
         for a in range(4):
-            _pull_back(p_matrix[:, a], h)
+            p_matrix[2, a] += h * (p_matrix[1, a] + h * p_matrix[0, a] / 2.0)
+            p_matrix[1, a] += h * p_matrix[0, a]
         _pull_back(p_vector, h)
         for a in range(4):
             p_vector[a] += g_stage[a] - curvature * gain[k, a] * offset[k]
@@ -70,7 +73,9 @@ def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Arra
     for k in range(stages):
         h = durations[k]
         u = offset[k] + gain[k] @ x + answer[k] @ multiplier
-        steps[k, :4], steps[k, 4] = x, u
+        for a in range(4):
+            steps[k, a] = x[a]
+        steps[k, 4] = u
         x[0] += h * (x[1] + h * (x[2] / 2.0 + h * u / 6.0))
         x[1] += h * (x[2] + h * u / 2.0)
         x[2] += h * u
@@ -98,24 +103,38 @@ def _saddle_point(
     """The free part of the start (minimising) and the multiplier of the end condition (maximising)."""
     free = basis.shape[0]
     system, rhs = np.zeros((free + 3, free + 3)), np.empty(free + 3)
-    system[:free, :free] = basis @ p_matrix @ basis.T
-    system[:free, free:] = basis @ e_matrix.T
-    system[free:, :free] = e_matrix @ basis.T
-    system[free:, free:] = w_matrix
-    rhs[:free] = -(basis @ p_vector)
-    rhs[free:] = -e_vector
+    corner, side, top = basis @ p_matrix @ basis.T, basis @ e_matrix.T, basis @ p_vector
+    for a in range(free):
+        for b in range(free):
+            system[a, b] = corner[a, b]
+        for b in range(3):
+            system[a, free + b] = system[free + b, a] = side[a, b]
+        rhs[a] = -top[a]
+    for a in range(3):
+        for b in range(3):
+            system[free + a, free + b] = w_matrix[a, b]
+        rhs[free + a] = -e_vector[a]
     solve_linear(system, rhs)
-    return rhs[:free].copy(), rhs[free:].copy()
+    start, multiplier = np.empty(free), np.empty(3)
+    for a in range(free):
+        start[a] = rhs[a]
+    for a in range(3):
+        multiplier[a] = rhs[free + a]
+    return start, multiplier
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_linear(matrix: Array, rhs: Array) -> None:
     """Solve in place by elimination with row exchanges; a singular matrix gives values that are not finite."""
     n = rhs.shape[0]
     for c in range(n):
-        pivot = c + int(np.argmax(np.abs(matrix[c:, c])))
+        pivot = c
+        for a in range(c + 1, n):
+            if abs(matrix[a, c]) > abs(matrix[pivot, c]):
+                pivot = a
         if matrix[pivot, c] == 0.0:
-            rhs[:] = np.nan
+            for a in range(n):
+                rhs[a] = np.nan
             return
         if pivot != c:
             for b in range(n):
