@@ -78,7 +78,8 @@ def interpolate(t: Array, q: Array, qd: Array, qdd: Array, times: Array) -> Arra
         after = right[row]
         if after == 0 or after == t.shape[0] or not times[row] > t[after - 1]:
             i = 0 if after == 0 else after - 1
-            found[0, row], found[1, row], found[2, row] = q[i], qd[i], qdd[i]
+            for j in range(n):
+                found[0, row, j], found[1, row, j], found[2, row, j] = q[i, j], qd[i, j], qdd[i, j]
             continue
         i, h = after - 1, t[after] - t[after - 1]
         s = (times[row] - t[i]) / h
@@ -93,21 +94,27 @@ def interpolate(t: Array, q: Array, qd: Array, qdd: Array, times: Array) -> Arra
 def insert_turning_points(t: Array, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array, Array]:
     """The same motion with samples also where an angle, a velocity or an acceleration turns between two samples."""
     samples, n = q.shape
-    most = np.array([np.abs(q).max(), np.abs(qd).max(), np.abs(qdd).max()])
-    shares = np.empty(4 * n)
+    most = np.zeros(3)
+    for i in range(samples):
+        for j in range(n):
+            most[0], most[1] = max(most[0], abs(q[i, j])), max(most[1], abs(qd[i, j]))
+            most[2] = max(most[2], abs(qdd[i, j]))
+    shares, counts = np.empty((samples, 4 * n)), np.zeros(samples, np.int64)
     extra = 0
     for i in range(samples - 1):
-        extra += _turning_points(i, t, q, qd, qdd, most, shares)
+        counts[i] = _turning_points(i, t, q, qd, qdd, most, shares[i])
+        extra += counts[i]
     if extra == 0:
         return t, q, qd, qdd
     times, motion = np.empty(samples + extra), np.empty((3, samples + extra, n))
     row = 0
     for i in range(samples):
-        times[row], motion[0, row], motion[1, row], motion[2, row] = t[i], q[i], qd[i], qdd[i]
+        times[row] = t[i]
+        for j in range(n):
+            motion[0, row, j], motion[1, row, j], motion[2, row, j] = q[i, j], qd[i, j], qdd[i, j]
         row += 1
-        count = _turning_points(i, t, q, qd, qdd, most, shares) if i < samples - 1 else 0
-        for s in shares[:count]:
-            h = t[i + 1] - t[i]
+        for k in range(counts[i]):
+            h, s = t[i + 1] - t[i], shares[i, k]
             times[row] = t[i] + s * h
             for j in range(n):
                 motion[0, row, j], motion[1, row, j], motion[2, row, j] = quintic_between(
@@ -131,7 +138,7 @@ def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Arr
             allowed = OVERSHOOT * most[kind] + 60.0 * rounding
             inside = 0.0
             for s in (0.25, 0.5, 0.75):
-                value = quintic_between(s, h, *ends)[kind]
+                value = _value(kind, s, h, ends)
                 inside = max(inside, max(value - high, low - value))
             # the turn may be close to an end, where these three do not show it
             turns = kind < 2 and ends[kind + 1] * ends[kind + 4] < 0.0
@@ -140,7 +147,12 @@ def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Arr
                 if max(value - high, low - value) > allowed and 1e-6 < s < 1.0 - 1e-6:
                     shares[count] = s
                     count += 1
-    shares[:count].sort()
+    for k in range(1, count):  # sorted by insertion: there are few
+        share, place = shares[k], k
+        while place > 0 and shares[place - 1] > share:
+            shares[place] = shares[place - 1]
+            place -= 1
+        shares[place] = share
     kept = 0
     for k in range(count):
         if kept == 0 or shares[k] - shares[kept - 1] > 1e-6:
@@ -157,17 +169,24 @@ def _extreme(
     best, step = 0.5, 0.125
     excess, value = -np.inf, 0.0
     for k in range(1, 16):
-        value = quintic_between(k / 16.0, h, *ends)[kind]
+        value = _value(kind, k / 16.0, h, ends)
         if max(value - high, low - value) > excess:
             excess, best = max(value - high, low - value), k / 16.0
     # golden-section search around the best of a grid
     left, right = max(0.0, best - step), min(1.0, best + step)
     for _ in range(40):
         a, b = right - 0.6180339887498949 * (right - left), left + 0.6180339887498949 * (right - left)
-        at_a, at_b = quintic_between(a, h, *ends)[kind], quintic_between(b, h, *ends)[kind]
+        at_a, at_b = _value(kind, a, h, ends), _value(kind, b, h, ends)
         if max(at_a - high, low - at_a) >= max(at_b - high, low - at_b):
             right = b
         else:
             left = a
     best = 0.5 * (left + right)
-    return best, quintic_between(best, h, *ends)[kind]
+    return best, _value(kind, best, h, ends)
+
+
+@njit(cache=True, nogil=True)
+def _value(kind: int, s: float, h: float, ends: tuple[float, float, float, float, float, float]) -> float:
+    """Angle (kind 0), velocity (1) or acceleration (2) at a share ``s`` of an interval with these ends."""
+    q, qd, qdd = quintic_between(s, h, ends[0], ends[1], ends[2], ends[3], ends[4], ends[5])
+    return q if kind == 0 else qd if kind == 1 else qdd

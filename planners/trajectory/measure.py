@@ -16,8 +16,8 @@ from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import between, peak_jerk
 from planners.typing import Array
 
-PARTS = 4
-"""Parts of an interval between two samples at whose ends torque is evaluated."""
+PARTS, MIDDLE_FIRST = 4, (2, 1, 3)
+"""Parts of an interval between two samples at whose ends torque is evaluated, and these ends in their order."""
 
 JUMP = 1e-9
 """Difference of two accelerations at the same time, relative to the largest, that is rounding."""
@@ -97,25 +97,30 @@ def _loads(
     """Worst loads, their joints and times; see `Measure`."""
     samples, n = q.shape
     ratios, joints, times = np.zeros(5), np.zeros(5, np.int64), np.zeros(5)
-    for i in range(samples):
-        for j in range(n):
-            _raise(ratios, joints, times, TORQUE, j, t[i], abs(tau[i, j]) / limits[TORQUE, j])
-            _raise(ratios, joints, times, VELOCITY, j, t[i], abs(qd[i, j]) / limits[VELOCITY, j])
-            _raise(ratios, joints, times, ACCELERATION, j, t[i], abs(qdd[i, j]) / limits[ACCELERATION, j])
-            _raise(ratios, joints, times, ANGLE, j, t[i], abs(q[i, j] - middle[j]) / limits[ANGLE, j])
-    torques, jerks = bool(np.any(limits[TORQUE] < np.inf)), bool(np.any(limits[JERK] < np.inf))
+    torques = jerks = False
+    rounding = 0.0
+    for j in range(n):
+        torques, jerks = torques or limits[TORQUE, j] < np.inf, jerks or limits[JERK, j] < np.inf
+        for i in range(samples):
+            rounding = max(rounding, ROUNDING * abs(qdd[i, j]))
+            for kind in (TORQUE, VELOCITY, ACCELERATION, ANGLE):
+                value = tau[i, j] if kind == TORQUE else qd[i, j] if kind == VELOCITY else qdd[i, j]
+                value = q[i, j] - middle[j] if kind == ANGLE else value
+                _raise(ratios, joints, times, kind, j, t[i], abs(value) / limits[kind, j])
     if not (torques or jerks):
         return ratios, joints, times
-    rounding = ROUNDING * np.abs(qdd).max()
     point, inner = np.empty((3, n)), np.empty((PARTS + 1, n))
     for i in range(samples - 1):
         h = t[i + 1] - t[i]
         if torques and h > 0.0:
-            inner[0], inner[PARTS] = tau[i], tau[i + 1]
-            _torque(0.5, h, i, q, qd, qdd, coupling, weight, point, inner[PARTS // 2])
-            if _may_exceed(inner, limits[TORQUE], ratios[TORQUE]):
-                for k in range(1, PARTS):
+            for j in range(n):
+                inner[0, j], inner[PARTS, j] = tau[i, j], tau[i + 1, j]
+            doubtful = True
+            for k in MIDDLE_FIRST:
+                if doubtful:
                     _torque(k / PARTS, h, i, q, qd, qdd, coupling, weight, point, inner[k])
+                    doubtful = k != PARTS // 2 or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
+            if doubtful:
                 for j in range(n):
                     for k in range(1, PARTS):  # the peak of a parabola through three neighbours
                         peak = inner[k, j] + _rise(inner[k - 1, j], inner[k, j], inner[k + 1, j])
