@@ -43,6 +43,10 @@ def check_outputs(options: Any) -> None:
             raise ValueError(f"--{field.name} is about the file of --{owner}: give --{owner} too, or leave it out")
     if "plot" in given:
         _check_picture(given["plot"], options.dpi)
+    if (folder := getattr(options, "figures", None)) is not None:
+        if folder.is_file():
+            raise ValueError(f"cannot write figures to {folder}: it is a file; give the name of a folder")
+        new_sheet(1.0, 1.0)
 
 
 def _check_picture(plot: Path, dpi: int) -> None:

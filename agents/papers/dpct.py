@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
+from typing import Literal
 
 import numpy as np
 
-from agents.figures.sheet import Figure, name_axes, new_sheet
-from agents.papers.report import Columns, Record, Report, ReportOptions, joined, publish, tabulate
+from agents.figures.sheet import name_axes
+from agents.papers.report import Columns, Part, Parts, Record, Report, ReportOptions, Sheet, joined, publish, tabulate
 from agents.tables import Table
 from planners import SCARA_1M, JointLimits, MotionProblem, MovingHand, Trajectory, dpct
 from planners.dpct.paper import (
@@ -57,7 +59,9 @@ def run(options: ReportOptions) -> None:
     """Regenerate the paper's results: the entry point of the command."""
     plans, clocks = list(plan_records()), list(clock_records())
     table = tabulate("Published, regenerated, and moved in real time", plans, PLAN_COLUMNS, PLAN_CAPTION, 3)
-    publish(Report([table, _clock_table(clocks)], [], {"plans": plans, "start_clocks": clocks}, figure), options)
+    publish(
+        Report("dpct", [table, _clock_table(clocks)], [], {"plans": plans, "start_clocks": clocks}, figures), options
+    )
 
 
 def paper_problem(case: int, headway: float = HEADWAY) -> MotionProblem:
@@ -205,36 +209,76 @@ def _clock_table(rows: Sequence[Record]) -> Table:
     )
 
 
-def figure() -> Figure:
-    """The paper's figures 4 to 8 from literal plans, on the search's own clock."""
-    sheet = new_sheet(11.0, 15.0)
-    grids, phases, hand, real, *joints = sheet.subplots(4, 2).flat
+def figures() -> Parts:
+    """The paper's figures 4 to 8 from literal plans, on the search's own clock, and the torque really needed."""
+    return {
+        "figure_4": Part(_draw_grids, 5.5, 3.6),
+        "figure_5": Part(_draw_phases, 5.5, 3.6),
+        "figure_6": Part(_draw_hand, 5.5, 3.6),
+        "figure_7": Part(partial(_draw_joints, kind="velocity"), 9.0, 3.4),
+        "figure_8": Part(partial(_draw_joints, kind="torque"), 9.0, 3.4),
+        "real_torque": Part(_draw_real_torque, 5.5, 3.6),
+    }
+
+
+def _literal(case: int, grid: tuple[int, int] = MAIN_GRID) -> PhasePath:
+    return search_phase_plane(paper_problem(case), grid=grid)
+
+
+def _title(case: int) -> str:
+    return f"case {case}: {CASES[case].title}"
+
+
+def _draw_grids(sheet: Sheet) -> None:
+    axes = sheet.subplots()
     for grid in GRIDS:
-        path = search_phase_plane(paper_problem(3), grid=grid)
-        grids.plot(path.r, path.rate, label=f"{grid[0]}x{grid[1]}")
-    for case, published in CASES.items():
-        label = f"case {case}: {published.title}"
-        problem = paper_problem(case)
-        path = search_phase_plane(problem, grid=MAIN_GRID)
-        phases.plot(path.r, path.rate, label=label)
-        clock, r, qd, tau = _from_rest(path)
-        hand.plot(clock, START + LINE * r, label=label)
-        for joint in range(2):
-            joints[joint].plot(clock, qd[:, joint], label=label)
-            joints[2 + joint].step(clock, tau[:, joint], where="post", label=label)
-        motion = execute(problem, path)
-        real.plot(motion.t, motion.tau[:, 0], label=label)
-    hand.plot(motion.t, START - HEADWAY + BELT_SPEED * motion.t, "k:", label="part")
+        path = _literal(3, grid)
+        axes.plot(path.r, path.rate, label=f"{grid[0]}x{grid[1]}")
+    name_axes(axes, "Figure 4: grids, case 3", "$x_1$", "$x_2$ (1/s)")
+
+
+def _draw_phases(sheet: Sheet) -> None:
+    axes = sheet.subplots()
+    for case in CASES:
+        path = _literal(case)
+        axes.plot(path.r, path.rate, label=_title(case))
+    name_axes(axes, "Figure 5: cases", "$x_1$", "$x_2$ (1/s)")
+
+
+def _draw_hand(sheet: Sheet) -> None:
+    axes = sheet.subplots()
+    for case in CASES:
+        clock, r, _, _ = _from_rest(_literal(case))
+        axes.plot(clock, START + LINE * r, label=_title(case))
+    axes.plot([0.0, 3.0], [START - HEADWAY, START - HEADWAY + 3.0 * BELT_SPEED], "k:", label="part")
+    name_axes(axes, "Figure 6: hand and part", "t (s)", "x (m)")
+    axes.set(xlim=(0.0, 3.0))
+
+
+def _draw_joints(sheet: Sheet, kind: Literal["velocity", "torque"]) -> None:
+    number, unit = (7, "rad/s") if kind == "velocity" else (8, "N m")
+    panels = sheet.subplots(1, 2)
+    for joint, axes in enumerate(panels):
+        for case in CASES:
+            clock, _, qd, tau = _from_rest(_literal(case))
+            if kind == "velocity":
+                axes.plot(clock, qd[:, joint], label=_title(case))
+            else:
+                axes.step(clock, tau[:, joint], where="post", label=_title(case))
+        title = f"Figure {number}({'ab'[joint]}): {kind} of joint {joint + 1}"
+        name_axes(axes, title, "t (s)", f"{kind} ({unit})")
+        axes.set(xlim=(0.0, 3.0))
+
+
+def _draw_real_torque(sheet: Sheet) -> None:
+    axes = sheet.subplots()
+    for case in CASES:
+        motion = execute(paper_problem(case), _literal(case))
+        axes.plot(motion.t, motion.tau[:, 0], label=_title(case))
     for limit in (-_PAPER_LIMITS.torque[0], _PAPER_LIMITS.torque[0]):
-        real.axhline(limit, color="k", linestyle=":")
-    name_axes(grids, "Figure 4: grids, case 3", "r", "dr/dt (1/s)")
-    name_axes(phases, "Figure 5: cases", "r", "dr/dt (1/s)")
-    name_axes(hand, "Figure 6: hand and part", "t (s)", "x (m)")
-    name_axes(real, "Not in the paper: the torque joint 1 really needs", "t (s)", "torque (N m)")
-    for joint, letter in enumerate("ab"):
-        name_axes(joints[joint], f"Figure 7({letter}): velocity of joint {joint + 1}", "t (s)", "velocity (rad/s)")
-        name_axes(joints[2 + joint], f"Figure 8({letter}): torque of joint {joint + 1}", "t (s)", "torque (N m)")
-    return sheet
+        axes.axhline(limit, color="k", linestyle=":")
+    name_axes(axes, "Not in the paper: the torque joint 1 really needs", "t (s)", "torque (N m)")
+    axes.set(xlim=(0.0, 3.0))
 
 
 def _from_rest(path: PhasePath) -> tuple[Array, Array, Array, Array]:

@@ -10,14 +10,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.integrate import cumulative_trapezoid
 
-from agents.figures.sheet import Figure, name_axes, new_sheet
-from agents.papers.report import Columns, Fact, Record, Report, ReportOptions, joined, publish, tabulate
+from agents.figures.sheet import name_axes
+from agents.papers.report import (
+    Columns,
+    Fact,
+    Part,
+    Parts,
+    Record,
+    Report,
+    ReportOptions,
+    Sheet,
+    joined,
+    publish,
+    tabulate,
+)
 from planners import PLANAR_3R, FixedJoints, MotionProblem, Trajectory, lagrange
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.lagrange.paper import (
@@ -46,7 +59,7 @@ def run(options: ReportOptions) -> None:
         tabulate(same, moves, PLAN_COLUMNS, PLAN_CAPTION, 2),
     ]
     records: dict[str, Sequence[Record]] = {"published": published, "searches": searches, "moves": moves}
-    publish(Report(tables, list(facts(published, searches)), records, figure), options)
+    publish(Report("lagrange", tables, list(facts(published, searches)), records, figures), options)
 
 
 def paper_problem(model: str = "gravity off") -> MotionProblem:
@@ -200,30 +213,61 @@ PLAN_COLUMNS: Columns = {
 }
 
 
-def figure() -> Figure:
+def figures() -> Parts:
     """The paper's figures 2 to 9 from its printed motions."""
-    sheet = new_sheet(13.0, 16.0)
-    panels = sheet.subplots(5, 3)
+    trajectories = {f"figure_{2 + place}": method for place, method in enumerate(ALGORITHMS)}
+    return {
+        **{name: Part(partial(_draw_trajectory, method=method), 5.5, 3.4) for name, method in trajectories.items()},
+        **{f"figure_{4 + joint}": Part(partial(_draw_joint, joint=joint), 11.0, 3.0) for joint in range(3)},
+        "figure_7": Part(_draw_torques, 11.0, 3.2),
+        "figures_8_9": Part(_draw_sums, 11.0, 3.2),
+    }
+
+
+def _printed_motions() -> Iterator[tuple[str, str, Trajectory, dict[str, Any]]]:
+    """The model, the algorithm, its printed motion in the model, and how to draw it."""
     for model, style in zip(MODELS, ("-", "--"), strict=True):
         for (method, algorithm), color in zip(ALGORITHMS.items(), ("C0", "C1"), strict=True):
             found = published_motion(paper_problem(model), method)
-            look: dict[str, Any] = {"color": color, "linestyle": style, "label": f"{algorithm}, {model}"}
-            for joint in range(3):
-                if model == "gravity off":  # the motion is the same in both
-                    for row, values in enumerate((found.q, found.qd, found.qdd)):
-                        panels[row, joint].plot(found.t, values[:, joint], color=color, label=algorithm)
-                panels[3, joint].plot(found.t, found.tau[:, joint], **look)
-            instant = np.abs(found.tau).sum(axis=1)
-            panels[4, 0].plot(found.t, found.tau.sum(axis=1), **look)
-            panels[4, 1].plot(found.t, instant, **look)
-            panels[4, 2].plot(found.t, cumulative_trapezoid(instant, found.t, initial=0), **look)
+            yield model, algorithm, found, {"color": color, "linestyle": style, "label": f"{algorithm}, {model}"}
+
+
+def _draw_trajectory(sheet: Sheet, method: Method) -> None:
+    found = published_motion(paper_problem("gravity off"), method)
+    axes = sheet.subplots()
     for joint in range(3):
-        for row, (name, unit) in enumerate((("angle", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"))):
-            number = f"{joint + 4}" if row else f"2, 3, {joint + 4}"
-            title = f"Figure {number}: {name} of joint {joint + 1}"
-            name_axes(panels[row, joint], title, "t (s)", f"{name} ({unit})")
-        name_axes(panels[3, joint], f"Figure 7: torque of joint {joint + 1}", "t (s)", "torque (N m)")
-    name_axes(panels[4, 0], "Figure 8: sum of the torques", "t (s)", "torque (N m)")
-    name_axes(panels[4, 1], "Figure 9: PI at an instant (eq 6)", "t (s)", "PI (N m)")
-    name_axes(panels[4, 2], "Not in the paper: PI up to t", "t (s)", "PI1 (N m s)")
-    return sheet
+        axes.plot(found.t, found.q[:, joint], label=f"joint {joint + 1}")
+    place = list(ALGORITHMS).index(method)
+    name_axes(axes, f"Figure {2 + place}: Algorithm {ALGORITHMS[method]}", "t (s)", "angle (rad)")
+
+
+def _draw_joint(sheet: Sheet, joint: int) -> None:
+    panels = sheet.subplots(1, 3)
+    units = {"angle": "rad", "velocity": "rad/s", "acceleration": "rad/s$^2$"}
+    for model, algorithm, found, look in _printed_motions():
+        if model == "gravity off":  # the motion is the same in both
+            for axes, values in zip(panels, (found.q, found.qd, found.qdd), strict=True):
+                axes.plot(found.t, values[:, joint], **{**look, "label": algorithm})
+    for axes, (name, unit) in zip(panels, units.items(), strict=True):
+        name_axes(axes, f"Figure {4 + joint}: {name} of joint {joint + 1}", "t (s)", f"{name} ({unit})")
+
+
+def _draw_torques(sheet: Sheet) -> None:
+    panels = sheet.subplots(1, 3)
+    for _, _, found, look in _printed_motions():
+        for joint, axes in enumerate(panels):
+            axes.plot(found.t, found.tau[:, joint], **look)
+    for joint, axes in enumerate(panels):
+        name_axes(axes, f"Figure 7: torque of joint {joint + 1}", "t (s)", "torque (N m)")
+
+
+def _draw_sums(sheet: Sheet) -> None:
+    total, instant, so_far = sheet.subplots(1, 3)
+    for _, _, found, look in _printed_motions():
+        pi = np.abs(found.tau).sum(axis=1)
+        total.plot(found.t, found.tau.sum(axis=1), **look)
+        instant.plot(found.t, pi, **look)
+        so_far.plot(found.t, cumulative_trapezoid(pi, found.t, initial=0), **look)
+    name_axes(total, "Figure 8: sum of the torques", "t (s)", "torque (N m)")
+    name_axes(instant, "Figure 9: PI at an instant (eq 6)", "t (s)", "PI (N m)")
+    name_axes(so_far, "Not in the paper: PI up to t", "t (s)", "PI1 (N m s)")

@@ -10,12 +10,11 @@ import pytest
 from paper_results import Regenerate
 
 from agents.cli import COMMANDS
-from agents.figures.sheet import new_sheet
 from agents.papers import dpct, lagrange
 from agents.papers.apf import figures as apf_figures
-from agents.papers.excavator.figures import figure as excavator_figure
+from agents.papers.excavator.figures import figures as excavator_figures
 from agents.papers.excavator.runs import Trial
-from agents.papers.report import Fact, Report, ReportOptions, publish, tabulate
+from agents.papers.report import Fact, Part, Parts, Report, ReportOptions, publish, tabulate, whole_sheet
 
 RECORDS = {
     "paper-dpct": ["plans", "start_clocks"],
@@ -25,14 +24,18 @@ RECORDS = {
 }
 TABLES = {"paper-dpct": 2, "paper-lagrange": 3, "paper-apf": 2, "paper-excavator": 6}
 FACTS = {"paper-dpct": 0, "paper-lagrange": 6, "paper-apf": 7, "paper-excavator": 7}
-FIGURES = [dpct.figure, lagrange.figure, apf_figures.figure, lambda: excavator_figure(Trial(), [0.0])]
+FIGURES = [dpct.figures, lagrange.figures, apf_figures.figures, lambda: excavator_figures(Trial(), [0.0])]
 every_paper = pytest.mark.parametrize("command", RECORDS)
 
 
 def small_report(facts: list[Fact]) -> Report:
     squares = [{"side": 1.0}, {"side": 2.0}]
     table = tabulate("Squares", squares, {"side": "{side:g}", "area": lambda one: f"{one['side'] ** 2:g}"})
-    return Report([table], facts, {"squares": squares}, lambda: new_sheet(2.0, 2.0))
+    return Report("squares", [table], facts, {"squares": squares}, small_figures)
+
+
+def small_figures() -> Parts:
+    return {f"figure_{number}": Part(lambda sheet: sheet.subplots().plot([0, 1]), 2.0, 1.0) for number in (1, 2)}
 
 
 def test_every_paper_has_a_command() -> None:
@@ -61,10 +64,16 @@ def test_tables_and_facts_are_printed_as_markdown(regenerate: Regenerate, comman
 
 
 @pytest.mark.usefixtures("without_matplotlib")
-@pytest.mark.parametrize("figure", FIGURES)
-def test_figures_without_matplotlib_say_what_to_install(figure: Callable[[], object]) -> None:
+@pytest.mark.parametrize("figures", FIGURES)
+def test_figures_without_matplotlib_say_what_to_install(figures: Callable[[], Parts]) -> None:
     with pytest.raises(ModuleNotFoundError, match=r"planarm\[viz\]"):
-        figure()
+        whole_sheet(figures())
+
+
+def test_each_figure_goes_to_a_file_of_its_own(tmp_path: Path) -> None:
+    publish(small_report([]), ReportOptions(figures=tmp_path / "new"))
+    names = ["paper_squares_figure_1.png", "paper_squares_figure_2.png"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == names
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
@@ -76,7 +85,7 @@ def test_the_suffix_decides_the_format_of_the_figures(tmp_path: Path, suffix: st
 def test_a_figure_is_drawn_only_if_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report = small_report([Fact("The second is larger.", {"ratio": 4.0})])
     publish(
-        Report(report.tables, report.facts, report.records, lambda: pytest.fail("drawn")),
+        Report("squares", report.tables, report.facts, report.records, lambda: pytest.fail("drawn")),
         ReportOptions(json=tmp_path / "results.json"),
     )
     printed = capsys.readouterr().out

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from agents.papers.apf.facts import facts
-from agents.papers.apf.figures import figure
+from agents.papers.apf.figures import figures
 from agents.papers.apf.runs import (
     GOAL,
     RANDOM_PROBLEMS,
@@ -66,4 +66,4 @@ def run(options: ReportOptions) -> None:
         tabulate(moves, randoms, RANDOM_COLUMNS, RANDOM_CAPTION, 2),
     ]
     records: dict[str, Sequence[Record]] = {"scenes": scenes, "clearances": list(clearances()), "random": randoms}
-    publish(Report(tables, list(facts(paper_problem())), records, figure), options)
+    publish(Report("apf", tables, list(facts(paper_problem())), records, figures), options)

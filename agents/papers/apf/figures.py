@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.figures.sheet import Axes, Figure, SubFigure, name_axes, new_sheet
-from agents.papers.apf.runs import DISTANCES, SCENES, WALLS, paper_motion, paper_problem
+from agents.figures.sheet import Axes, name_axes
+from agents.papers.apf.runs import DISTANCES, WALLS, paper_motion, paper_problem
+from agents.papers.report import Part, Parts, Sheet
 from planners import Arm, MotionProblem
 from planners.apf.distance_table import DistanceTable
 from planners.apf.hand_field import LOOK_AHEAD, Distance, make_field
@@ -24,17 +25,28 @@ _LINK = 13.0  # points: the links as thick as they are, at the scale of figure 3
 _HIGHEST = 1.0  # m^2/s; higher values of the wall are cut off
 
 
-def figure() -> Figure:
-    """The paper's figures 2 and 3, with clearances over time and the distance table."""
-    sheet = new_sheet(13.5, 13.0)
-    panels: Any = sheet.subfigures(3, 1, height_ratios=(1.0, 1.1, 0.8))
-    surfaces, scenes, curves = panels
-    draw_potentials(surfaces, paper_problem(), make_field().gains, time=SURFACE_TIME)
+def figures() -> Parts:
+    """The paper's figures 2 and 3, clearances over time and the distance table."""
+    return {
+        "figure_2": Part(_draw_figure_2, 13.0, 3.8),
+        "figure_3": Part(_draw_figure_3, 13.0, 4.5),
+        "clearances": Part(_draw_curves, 13.0, 3.4),
+    }
+
+
+def _draw_figure_2(sheet: Sheet) -> None:
+    draw_potentials(sheet, paper_problem(), make_field().gains, time=SURFACE_TIME)
+
+
+def _draw_figure_3(sheet: Sheet) -> None:
     shown: tuple[tuple[str, Distance], ...] = (("crossing", "static"), ("crossing", "table"), ("elbow", "table"))
-    for axes, (scene, distance) in zip(scenes.subplots(1, 3), shown, strict=True):
-        title = f"Figure 3: {SCENES[scene].title}, {distance}"
+    for axes, (scene, distance) in zip(sheet.subplots(1, 3), shown, strict=True):
+        title = f"Figure 3: {scene}, {distance} distance"
         draw_motion(axes, paper_problem(scene), paper_motion(scene, distance), title, INSTANTS)
-    crossing, other, table = curves.subplots(1, 3)
+
+
+def _draw_curves(sheet: Sheet) -> None:
+    crossing, other, table = sheet.subplots(1, 3)
     for axes, scene in ((crossing, "crossing"), (other, "crossing, other elbow")):
         motions = {
             f"{distance}, {WALLS[square]}": paper_motion(scene, distance, square)
@@ -42,10 +54,9 @@ def figure() -> Figure:
         }
         draw_clearances(axes, motions, scene.capitalize(), INSTANTS[-1])
     draw_table(table, DistanceTable.looking_ahead(LOOK_AHEAD), (0.25, 0.5, 1.0, 2.0))
-    return sheet
 
 
-def draw_potentials(sheet: SubFigure, problem: MotionProblem, gains: Gains, time: float) -> None:
+def draw_potentials(sheet: Sheet, problem: MotionProblem, gains: Gains, time: float) -> None:
     """Figure 2: attractive, repulsive and total potential over the workspace, with the discs of a time (s)."""
     reach = problem.arm.reach
     x, y = np.meshgrid(np.linspace(-reach, reach, _GRID), np.linspace(-reach, reach, _GRID))

@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.console import progress_bar
 from agents.papers.excavator.facts import facts
-from agents.papers.excavator.figures import figure
+from agents.papers.excavator.figures import figures
 from agents.papers.excavator.runs import CONTROLLERS, MISMATCHED_CONDITIONS, MISMATCHED_PAYLOADS, NOMINAL, Trial
 from agents.papers.report import Record, Report, ReportOptions, joined, publish
 from agents.tables import Table
@@ -74,8 +74,8 @@ def run(options: PaperExcavatorOptions) -> None:
         mismatched = list(trial.records(MISMATCHED_CONDITIONS, progress))
     tables = [*_payload_tables(payloads, trial.cycles), *_mismatch_tables(mismatched)]
     records = {"payloads": payloads, "rough": mismatched}
-    draw = partial(figure, trial, options.payloads)
-    publish(Report(tables, list(facts(payloads, mismatched)), records, draw), options)
+    draw = partial(figures, trial, options.payloads)
+    publish(Report("excavator", tables, list(facts(payloads, mismatched)), records, draw), options)
 
 
 def _payload_tables(rows: Sequence[Record], cycles: int) -> Iterator[Table]:
