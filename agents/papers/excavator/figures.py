@@ -23,8 +23,9 @@ _SMALLEST = 1e-5  # deg; smaller errors are drawn here
 def figures(trial: Trial, percents: Sequence[float]) -> Parts:
     """Angles and velocities of joints 1 and 2 in the first cycle, and errors and estimated masses in all cycles.
 
-    There is a figure for each payload, ``percents`` of the rated load.
+    There is a figure for each payload, ``percents`` of the rated load, that has one in the paper; for each if none has.
     """
+    percents = [percent for percent in percents if percent in FIGURES] or percents
     runs = {entry: trial.follow(entry, [(percent, NOMINAL) for percent in percents]) for entry, _ in _SHOWN}
     names = [_number(percent).lower().replace(" ", "_") or f"payload_{percent:g}" for percent in percents]
     return {
