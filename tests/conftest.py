@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -17,6 +20,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 MARKERS = {
     "rl": ("stable_baselines3", 'pip install "planarm[rl]"'),
     "moviepy": ("moviepy", "pip install moviepy"),
+    "docs": ("myst_nb", 'pip install "planarm[docs,rl,viz]"'),
     "browser": ("playwright", 'pip install "planarm[web]" playwright, and Chromium'),
 }
 """The module that tests with a marker need, and how to get it."""
@@ -35,3 +39,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker in item.iter_markers():
             if marker.name in missing:
                 item.add_marker(pytest.mark.skip(reason=f"needs {missing[marker.name]}"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, as Playwright drives it."""
+    api = pytest.importorskip("playwright.sync_api")
+    path = os.environ.get("PLANARM_CHROMIUM") or shutil.which("chromium")
+    if path is None:
+        pytest.skip("needs Chromium: install it, or name it in PLANARM_CHROMIUM")
+    with api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield running
+        running.close()

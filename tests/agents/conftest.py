@@ -2,9 +2,6 @@ from __future__ import annotations
 
 import builtins
 import json
-import os
-import shutil
-from collections.abc import Iterator
 from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
@@ -40,19 +37,6 @@ def scored() -> dict[str, Any]:
     from report_cases import small_benchmark
 
     return small_benchmark()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium, as Playwright drives it."""
-    api = pytest.importorskip("playwright.sync_api")
-    path = os.environ.get("PLANARM_CHROMIUM") or shutil.which("chromium")
-    if path is None:
-        pytest.skip("needs Chromium: install it, or name it in PLANARM_CHROMIUM")
-    with api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 @pytest.fixture

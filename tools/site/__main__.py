@@ -20,8 +20,12 @@ ROOT = Path(__file__).parent.parent.parent
 class SiteOptions:
     """Build the site of docs/."""
 
+    pages: Path = ROOT / "docs"
+    """Folder with the pages."""
     out: Path = ROOT / "site"
-    """Folder to write."""
+    """Folder to write; what the next build can use again goes into one beside it."""
+    links: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Ask the network about every link to elsewhere instead."""
     serve: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Serve the site to this machine when it is built."""
     port: int = 8000
@@ -35,9 +39,11 @@ def main(options: SiteOptions) -> int:
     except ImportError:
         raise SystemExit('the site needs Sphinx: pip install -c constraints.txt -e ".[docs]"') from None
 
-    pages, out = str(ROOT / "docs"), str(options.out)
-    folders = ["-d", f"{out}/.doctrees", "-D", f"nb_execution_cache_path={out}/.notebooks"]
-    code = int(build_main(["-b", "html", "-n", "-W", "--keep-going", "-q", *folders, pages, out]))
+    out, cache = str(options.out), f"{options.out}.cache"
+    builder = "linkcheck" if options.links else "html"
+    how = ["-b", builder, "-n", "-W", "--keep-going", "-q", "-c", str(ROOT / "docs")]
+    folders = ["-d", f"{cache}/pages", "-D", f"nb_execution_cache_path={cache}/notebooks"]
+    code = int(build_main([*how, *folders, str(options.pages), out if builder == "html" else cache]))
     if code == 0 and options.serve:
         handler = partial(SimpleHTTPRequestHandler, directory=out)
         with ThreadingHTTPServer(("127.0.0.1", options.port), handler) as server:
