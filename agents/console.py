@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from time import monotonic
 from types import FrameType
 from typing import Any
 
@@ -50,21 +51,75 @@ def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progre
     return Progress(*columns, console=console, transient=transient, disable=not console.is_terminal)
 
 
+class Compiling:
+    """What is shown of compilation: a line at the first function and every ten seconds, or text in a progress bar.
+
+    Attributes:
+        functions: how many were compiled, also in other processes.
+        show: shows a text in a progress bar; None without one.
+    """
+
+    def __init__(self) -> None:
+        self.functions = 0
+        self.show: Callable[[str], object] | None = None
+        self._said = -INTERVAL
+
+    def advance(self) -> None:
+        """One more function is being compiled."""
+        self.functions += 1
+        many = f": {self.functions} functions" if self.functions > 1 else ""
+        if self.show is not None:
+            self.show(f"compiling, once{many}")
+        elif monotonic() - self._said >= INTERVAL:
+            self._said = monotonic()
+            note(f"compiling, once{many or '; later runs load it'}")
+
+
+INTERVAL = 10.0  # s between two lines about compilation
+COMPILING = Compiling()
+"""Of the command that is run."""
+
+
 @contextmanager
 def note_compiling() -> Iterator[None]:
-    """Say once, on stderr, that something is being compiled, when it is for the first time."""
+    """Show on stderr that something is being compiled, and how far that is; nothing if all is compiled already."""
+    COMPILING.__init__()  # type: ignore[misc]
+    with listen_to_compiler(COMPILING.advance):
+        yield
+
+
+@contextmanager
+def show_compiling(bar: Progress) -> Iterator[Callable[[str], None]]:
+    """Show compilation in a progress bar that is drawn; yields what sets the description of its task."""
+    described = ""
+
+    def begin(description: str) -> None:
+        nonlocal described
+        described = description
+        show(description)
+
+    def show(text: str) -> None:
+        for task in bar.task_ids:
+            bar.update(task, description=text)
+
+    COMPILING.show = None if bar.disable else lambda text: show(f"{described}: {text}" if described else text)
+    try:
+        yield begin
+    finally:
+        COMPILING.show = None
+
+
+@contextmanager
+def listen_to_compiler(begins: Callable[[], object]) -> Iterator[None]:
+    """Call a function whenever Numba begins to compile one that is not in its cache, in this process."""
     event: Any = import_module("numba.core.event")
 
     class Listener(event.Listener):  # type: ignore[misc]
-        said = False
-
         def on_start(self, event: object) -> None:
-            if not self.said:
-                self.said = True
-                note("compiling (first run only)")
+            begins()
 
         def on_end(self, event: object) -> None:
-            """Nothing to say."""
+            """Nothing to do."""
 
     listener = Listener()
     event.register("numba:compile", listener)

@@ -13,7 +13,7 @@ from pathlib import Path
 import gymnasium as gym
 
 import envs
-from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, Published
+from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, Published, Quick
 from agents.training.recipe import (
     Amortisation,
     Demonstrations,
@@ -43,7 +43,7 @@ def documented() -> dict[str, type[Settings]]:
         SACConfig,
         TD3Config,
     )
-    kinds = (BenchmarkConfig, BenchmarkTask, Published, *training)
+    kinds = (BenchmarkConfig, Quick, BenchmarkTask, Published, *training)
     found: dict[str, type[Settings]] = {kind.__name__: kind for kind in kinds}
     for env_id in envs.env_ids():
         module, _, name = str(gym.spec(env_id).entry_point).removesuffix("Env").partition(":")

@@ -44,7 +44,7 @@ class Block:
 
 
 BLOCKS = {
-    "leaderboard": Block("docs/benchmark/leaderboard.md", "planarm benchmark", times=True),
+    "leaderboard": Block("docs/benchmark/leaderboard.md", "planarm benchmark --full", times=True),
     "excavator leaderboard": Block(
         "docs/papers/excavator.md", "planarm benchmark --tasks ExcavatorPayload-v0 --episodes 200"
     ),

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from agents.console import note, say
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
 from agents.report.outputs import ScoreOutputs, run_and_print
@@ -17,12 +18,14 @@ from agents.yaml_config import assigned
 class BenchmarkOptions(ScoreOutputs):
     """Score policies on tasks and print the leaderboard, beside the best known optimum and published figures.
 
-    Learnt policies and your own are compared with each other one in pairs, on the same episodes. Takes some minutes.
-    Ctrl-C prints what is finished. A terminal shows as many columns as it is wide; a pipe or a file gets Markdown.
+    Learnt policies and your own are compared with each other one in pairs, on the same episodes. Without --full these
+    are the first episodes of the published leaderboard, with wider intervals. Each task is printed when it is
+    finished; Ctrl-C prints what is. A terminal shows as many columns as it is wide; a pipe or a file gets Markdown.
 
     For example:
 
         $ planarm benchmark
+        $ planarm benchmark --full
         $ planarm benchmark --report report.html
         $ planarm benchmark --policies dpct follower --episodes 1000 --json runs/leaderboard.json
         $ planarm benchmark --policies agent apf runs/mine --tasks ObstacleDodge-v0
@@ -32,6 +35,8 @@ class BenchmarkOptions(ScoreOutputs):
 
     config: str = SHIPPED_CONFIG
     """Name of a shipped configuration (configs/), or a path to a YAML file of the same form."""
+    full: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Run the whole configuration, as in the published leaderboard, and not its quick part."""
     episodes: int | None = None
     """Episodes of each policy on each task."""
     bound_episodes: int | None = None
@@ -60,9 +65,23 @@ class BenchmarkOptions(ScoreOutputs):
             if getattr(self, name) is not None
         }
         changes |= {"env_config": assigned({}, self.settings), "options": assigned({}, self.options)}
-        return configure(self.config, changes, self.tasks)
+        return configure(self.config, changes, self.tasks, full=self.full)
+
+    def shortness(self, config: BenchmarkConfig) -> str:
+        """A sentence that says of which benchmark this is a part; empty if it is a whole one or one of its own."""
+        quick = config.quick
+        if self.full or quick is None or self.episodes is not None:
+            return ""
+        whole = configure(self.config, {}, full=True).episodes
+        return (
+            f"A quick benchmark: the first {config.episodes} of {whole} episodes, so the intervals are wider; "
+            "planarm benchmark --full runs them all."
+        )
 
 
 def run(options: BenchmarkOptions) -> int:
     """Run the benchmark, print the leaderboard, write what is asked for; the exit code."""
-    return run_and_print(Benchmark(options.resolve(), allow_code=options.allow_code), options)
+    config = options.resolve()
+    if text := options.shortness(config):
+        (note if options.format == "csv" else say)(text)
+    return run_and_print(Benchmark(config, allow_code=options.allow_code), options)

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import envs
+from agents.compile_ahead import CompileAhead, Job
 from agents.environments import check_names, make_batch, task_type
-from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask
+from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, BenchmarkTask
 from agents.evaluation.evaluate import Progress, evaluate
 from agents.evaluation.leaderboard import TaskResult
 from agents.evaluation.replays import record_replays
 from agents.evaluation.results import Evaluation
 from agents.evaluation.scoreboard import Scoreboard, add_settings
-from agents.policies.lookup import AnyPolicy, NamedPolicy, name_policies
+from agents.policies.lookup import SHIPPED, AnyPolicy, NamedPolicy, name_policies
 from agents.policies.policy import Actor
+from agents.yaml_config import load_config
 from envs.card import Bound
+from envs.experts import expert_names
 from planners import Infeasible
 from planners.typing import Array
 
@@ -81,41 +86,74 @@ class Benchmark:
         return self._named[key]
 
     def check(self) -> None:
-        """Make every environment and policy once, so that errors come before the first episode."""
+        """Make every environment and policy once, so that errors come before the first episode.
+
+        Those of the shipped configuration are known to work, and compiled later.
+        """
+        shipped = [_starts(task) for task in load_config(SHIPPED_CONFIG, BenchmarkConfig).tasks]
         for task in self.config.tasks:
             envs.task_card(task.env)
             check_names(task.env, task.env_config, task.options)
+            known = _starts(task) in shipped
             for named in self.policies(task):
-                with closing(make_batch(task.env, 1, named.settings(task.env_config))) as env:
+                settings = named.settings(task.env_config)
+                if known and self._comes_with_planarm(task, named):
+                    continue
+                with closing(make_batch(task.env, 1, settings)) as env:
                     observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
                     actor = Actor(named.policy, env, named.name)
                     if not named.is_expert:
                         actor.act(observation, None, np.ones(1, dtype=bool))
 
-    def warm_up(self, progress: Progress) -> None:
-        """Run a little of everything, so that no timing includes compilation.
+    def jobs(self, progress: Progress) -> list[Job]:
+        """A little of everything, so that no timing includes compilation; a group a task.
 
         One environment and several are compiled apart, because their arrays differ in layout.
         """
+        jobs = []
         for task in self.config.tasks:
+            seeds, bound = self._seeds(task)[:WARM_UP], envs.task_card(task.env).bound
             for named in self.policies(task):
-                self._evaluate(task, named, self._seeds(task)[:WARM_UP], progress)
+                text = self._job_text(task, named.name, 0) if self._comes_with_planarm(task, named) else None
+                jobs.append(Job(task.title, partial(self._evaluate, task, named, seeds, progress), text))
+            if bound is not None and self._bounded(task):
+                run = partial(self._best_known, task, bound, seeds[:1].tolist(), lambda ended: progress(0))
+                jobs.append(Job(task.title, run, self._job_text(task, "random", 1)))
+        return jobs
 
-    def fill(self, begin: Callable[[str], object], progress: Progress) -> None:
-        """Run everything; ``begin`` is called with a description of each evaluation and bound."""
+    def fill(
+        self,
+        begin: Callable[[str], object],
+        progress: Progress,
+        finished: Callable[[TaskResult], object] = lambda result: None,
+        ahead: CompileAhead | None = None,
+    ) -> None:
+        """Run everything.
+
+        Args:
+            begin: called with a description of each evaluation and bound.
+            progress: called with the number of episodes that have just ended.
+            finished: called with the results of a task when they are whole.
+            ahead: compiles the `jobs` of each task before its first episode; times include compilation without it.
+        """
+        ahead = ahead or CompileAhead([])
         for task in self.config.tasks:
             seeds, bound = self._seeds(task), envs.task_card(task.env).bound
             named = self.policies(task)
+            begin(task.title)
+            ahead.prepare(task.title, progress)
             compared = [each.name for each in named if each.own or not each.is_expert]
             result = TaskResult(task, seeds, compared=tuple(compared) if self.compared is None else self.compared)
             self.board.results.append(result)
             for each in named:
                 begin(f"{task.title}: {each.name}")
-                result.evaluations.append(self._evaluate(task, each, seeds, progress))
+                with ahead.paused():
+                    result.evaluations.append(self._evaluate(task, each, seeds, progress))
                 add_settings(result, each)
             if bound is not None and self._bounded(task):
                 begin(f"{task.title}: bound")
                 result.bounds = self._best_known(task, bound, seeds[: self._bounded(task)].tolist(), progress)
+            finished(result)
         self.board.complete = True
 
     def record(self, begin: Callable[[str], object], progress: Progress) -> None:
@@ -123,6 +161,20 @@ class Benchmark:
         for result in self.board.results:
             begin(f"{result.task.title}: replays")
             result.replays = record_replays(result, self.policies(result.task), self.config.replays, progress)
+
+    def _comes_with_planarm(self, task: BenchmarkTask, named: NamedPolicy) -> bool:
+        """Whether a policy is one of the task's experts or its shipped agent, by name."""
+        if named.name in self.given or named.own:
+            return False
+        return named.name == SHIPPED or (named.policy == named.name and named.name in expert_names(task.env))
+
+    def _job_text(self, task: BenchmarkTask, policy: str, bounds: int) -> str:
+        """A job for another process: a policy on a task, and its bound."""
+        alone = {**task.model_dump(mode="json"), "policies": [policy], "bound_episodes": None}
+        episodes = min(WARM_UP, self._episodes(task))
+        config = {"policies": [policy], "tasks": [{**alone, "episodes": episodes}], "bound_episodes": bounds}
+        seed = {"episodes": episodes, "seed": self.config.seed, "num_envs": self.config.num_envs}
+        return f"{__name__}:run_job {json.dumps({**config, **seed})}"
 
     def _evaluate(
         self, task: BenchmarkTask, named: NamedPolicy, seeds: NDArray[np.int64], progress: Progress
@@ -160,3 +212,15 @@ class Benchmark:
         """Number of episodes whose bound is computed."""
         wanted = self.config.bound_episodes if task.bound_episodes is None else task.bound_episodes
         return min(self._episodes(task), wanted) if envs.task_card(task.env).bound is not None else 0
+
+
+def run_job(text: str) -> None:
+    """Run a small benchmark, given as JSON, for what it compiles: its bounds, or else its policies."""
+    benchmark = Benchmark(BenchmarkConfig.parse(json.loads(text), "benchmark setting"))
+    for job in benchmark.jobs(lambda ended: None)[-1:]:
+        job.run()
+
+
+def _starts(task: BenchmarkTask) -> tuple[Any, ...]:
+    """What decides which starts a task has."""
+    return task.env, task.env_config, task.options

@@ -72,6 +72,20 @@ class BenchmarkTask(Settings):
         return self.name or self.env
 
 
+class Quick(Settings):
+    """The part of a benchmark that `planarm benchmark` runs without ``--full``: its first episodes.
+
+    Attributes:
+        episodes: largest number of episodes of each policy on each task.
+        bound_episodes: largest number of episodes whose bound is computed.
+        first: title of the task that is run first.
+    """
+
+    episodes: int = Field(ge=1, le=MOST_EPISODES)
+    bound_episodes: int = Field(ge=0)
+    first: str | None = None
+
+
 class BenchmarkConfig(Settings):
     """A benchmark: every policy on every task, on the same seeds.
 
@@ -84,6 +98,7 @@ class BenchmarkConfig(Settings):
             ``module:name`` for your own.
         tasks: on which they act.
         replays: number of seeds of each task whose episodes are recorded for the report, of every policy.
+        quick: what is run without ``--full``; everything if left out.
     """
 
     episodes: int = Field(ge=1, le=MOST_EPISODES)
@@ -93,6 +108,7 @@ class BenchmarkConfig(Settings):
     policies: tuple[str, ...] = Field(min_length=1)
     tasks: tuple[BenchmarkTask, ...] = Field(min_length=1)
     replays: int = Field(8, ge=0)
+    quick: Quick | None = None
 
     @model_validator(mode="after")
     def _once(self) -> Self:
@@ -101,8 +117,26 @@ class BenchmarkConfig(Settings):
         refuse_twice([task.title for task in self.tasks], "task")
         return self
 
+    def shortened(self) -> BenchmarkConfig:
+        """The benchmark that is run without ``--full``; itself if it names none."""
+        if (quick := self.quick) is None:
+            return self
+        tasks = [
+            task.model_copy(
+                update={
+                    "episodes": task.episodes and min(task.episodes, quick.episodes),
+                    "bound_episodes": task.bound_episodes and min(task.bound_episodes, quick.bound_episodes),
+                }
+            )
+            for task in sorted(self.tasks, key=lambda task: task.title != quick.first)
+        ]
+        numbers = {name: min(getattr(self, name), getattr(quick, name)) for name in ("episodes", "bound_episodes")}
+        return self.model_copy(update={**numbers, "tasks": tuple(tasks)})
 
-def configure(config: str, changes: Mapping[str, Any], tasks: Sequence[str] | None = None) -> BenchmarkConfig:
+
+def configure(
+    config: str, changes: Mapping[str, Any], tasks: Sequence[str] | None = None, *, full: bool = True
+) -> BenchmarkConfig:
     """A benchmark from a configuration.
 
     Args:
@@ -110,11 +144,13 @@ def configure(config: str, changes: Mapping[str, Any], tasks: Sequence[str] | No
         changes: settings to change; ``env_config`` and ``options`` are added to those of every task. ``policies`` are
             those of every task, without experts that other tasks alone have.
         tasks: titles of tasks of the configuration, or ids of other environments, to run these alone.
+        full: whether to run all of it, and not its quick part.
 
     Raises:
         ValueError: for an unknown configuration, task or setting.
     """
-    loaded = load_config(config, BenchmarkConfig)
+    whole = load_config(config, BenchmarkConfig)
+    loaded = whole if full else whole.shortened()
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
     for name in ("env_config", "options"):

@@ -77,7 +77,7 @@ def score_leaderboard(
     allow_code: bool = False,
     **changes: Any,
 ) -> Scoreboard:
-    """The leaderboard of `planarm benchmark`, from Python: ``agents.leaderboard(["dpct", MyPolicy()], episodes=32)``.
+    """The leaderboard of `planarm benchmark --full`: ``agents.leaderboard(["dpct", MyPolicy()], episodes=32)``.
 
     Args:
         policies: as `agents.evaluate` takes them, or by the names that they get; by default those of the configuration.

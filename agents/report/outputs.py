@@ -12,8 +12,11 @@ from typing import Annotated, Literal
 
 import tyro
 
-from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
+from agents.compile_ahead import CompileAhead
+from agents.console import COMPILING, INTERRUPTED, catch_interrupt, note, progress_bar, show_compiling
 from agents.evaluation.benchmark import Benchmark
+from agents.evaluation.leaderboard import TaskResult
+from agents.evaluation.scoreboard import Scoreboard
 from agents.report.page import write_report
 from agents.report.results_file import Results
 from planners.files import write_json
@@ -39,10 +42,18 @@ class ScoreOutputs:
 
 
 def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
-    """Run a benchmark with a progress bar, write its files, print its tables; the exit code."""
+    """Run a benchmark with a progress bar, print the tables of each task when it is finished, write files.
+
+    Returns:
+        The exit code.
+    """
     started, board = datetime.now(UTC), benchmark.board
-    if code := _run_with_bar(benchmark, record=outputs.json is not None or outputs.report is not None):
-        note("interrupted: what follows is what was finished", "yellow")
+    tables = _Tables(outputs)
+    code = _run_with_bar(benchmark, tables, record=outputs.json is not None or outputs.report is not None)
+    if code:
+        note("interrupted: this is all that was finished", "yellow")
+    for result in board.results:
+        tables.show(result)
     origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
     document = {**origin, **board.document()}
     if outputs.json is not None:
@@ -51,20 +62,48 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
     if outputs.report is not None and board.evaluations:
         write_report([("results", Results.of(document))], outputs.report)
         note(f"wrote {outputs.report}")
-    for assumption in dict.fromkeys(line for result in board.results for line in result.assumptions):
-        note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
+    if tables.error is not None:
+        raise tables.error
     if outputs.format == "csv":
         print(board.csv(), end="")
-    else:
-        board.show(markdown=outputs.format == "markdown", wide=outputs.wide)
     return code
 
 
-def _run_with_bar(benchmark: Benchmark, *, record: bool) -> int:
+class _Tables:
+    """The tables on stdout, task by task; `error` is why it takes no more."""
+
+    def __init__(self, outputs: ScoreOutputs) -> None:
+        self._outputs, self._shown = outputs, set[int]()
+        self.error: OSError | None = None
+
+    def show(self, result: TaskResult) -> None:
+        """Print the tables of a task, once, and what is assumed about its policies."""
+        if id(result) in self._shown:
+            return
+        self._shown.add(id(result))
+        for assumption in dict.fromkeys(result.assumptions):
+            note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
+        if self._outputs.format == "csv" or self.error is not None:
+            return
+        try:
+            Scoreboard([result]).show(markdown=self._outputs.format == "markdown", wide=self._outputs.wide)
+            sys.stdout.flush()
+        except OSError as error:  # files are written nevertheless
+            self.error = error
+            if self._outputs.json is None and self._outputs.report is None:
+                raise
+
+
+def _run_with_bar(benchmark: Benchmark, tables: _Tables, *, record: bool) -> int:
     """Run a benchmark until all is done, or Ctrl-C or SIGTERM stops it; the exit code."""
-    with suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
+    with (
+        suppress(KeyboardInterrupt),
+        catch_interrupt(at_once=True) as interrupts,
+        progress_bar("episodes") as bar,
+        show_compiling(bar) as begin,
+    ):
         total = benchmark.total_episodes + (benchmark.total_replays if record else 0)
-        task = bar.add_task("compiling, on the first run only", total=total)
+        task = bar.add_task("", total=total)
 
         def check(ended: int = 0) -> None:
             if interrupts:  # one that fell into a callback from C was printed there and lost
@@ -74,12 +113,14 @@ def _run_with_bar(benchmark: Benchmark, *, record: bool) -> int:
             check()
             bar.advance(task, ended)
 
-        def begin(description: str) -> None:
-            bar.update(task, description=description)
+        def print_tables(result: TaskResult) -> None:
+            bar.stop()  # it would take the tables for lines of its own, on stderr
+            tables.show(result)
+            bar.start()
 
         benchmark.check()
-        benchmark.warm_up(check)
-        benchmark.fill(begin, advance)
+        with CompileAhead(benchmark.jobs(check), COMPILING.advance) as ahead:
+            benchmark.fill(begin, advance, print_tables, ahead)
         check()
         if record:
             benchmark.record(begin, advance)

@@ -19,7 +19,7 @@ from agents.evaluation import benchmark
 from envs.obstacle_dodge.bound import stored_bound
 from planners import dpct
 
-SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random")}
+SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random"), "full": True}
 
 
 def document(path: Path) -> dict[str, Any]:
@@ -77,6 +77,56 @@ def test_a_task_may_have_policies_of_its_own() -> None:
     board = BenchmarkOptions(episodes=3, tasks=("ExcavatorPayload-v0", "ObstacleDodge-v0"), bound_episodes=0).resolve()
     expected = 3 * sum(len(each.policies or board.policies) for each in board.tasks)
     assert benchmark.Benchmark(board).total_episodes == expected
+
+
+def test_the_quick_benchmark_is_the_beginning_of_the_full_one() -> None:
+    quick, full = BenchmarkOptions().resolve(), BenchmarkOptions(full=True).resolve()
+    assert (full.episodes, [task.title for task in full.tasks]) == (
+        128,
+        [task.title for task in quick.tasks[1:]] + [quick.tasks[0].title],
+    )
+    assert (quick.seed, quick.policies, quick.num_envs) == (full.seed, full.policies, full.num_envs)
+    assert 16 <= quick.episodes < full.episodes
+    own = {"episodes", "bound_episodes"}
+    whole = {task.title: task for task in full.tasks}
+    for task in quick.tasks:
+        assert task.model_dump(exclude=own) == whole[task.title].model_dump(exclude=own)
+        assert (task.bound_episodes or 0) <= (whole[task.title].bound_episodes or 0)
+    few = BenchmarkOptions(tasks=("MinTorqueMove-v0",), episodes=2).resolve()
+    assert (few.episodes, few.tasks[0].bound_episodes) == (2, quick.bound_episodes)
+
+
+def test_the_quick_benchmark_says_what_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(benchmark.Benchmark, "fill", lambda *arguments: None)
+    assert run(BenchmarkOptions()) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "the first 32 of 128 episodes" in line
+    assert "planarm benchmark --full" in line
+    for options in ({"full": True}, {"episodes": 3}, {"format": "csv"}):
+        assert run(BenchmarkOptions(**options)) == 0  # type: ignore[arg-type]
+        captured = capsys.readouterr()
+        assert "of 128 episodes" not in captured.out
+        assert ("of 128 episodes" in captured.err) == ("format" in options)
+
+
+def test_a_task_is_printed_when_it_is_finished(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    printed: list[str] = []
+
+    def watching(policy: str, env_id: str, seeds: Any, **kwargs: Any) -> Any:
+        printed.append(capsys.readouterr().out)
+        return agents.evaluate(policy, env_id, seeds, **kwargs)
+
+    monkeypatch.setattr(benchmark, "evaluate", watching)
+    tasks = ("ConveyorTrack-v0", "ObstacleDodge-v0")
+    assert run(BenchmarkOptions(episodes=3, bound_episodes=0, policies=("follower",), tasks=tasks)) == 0
+    before, of_the_second = printed[:-2], printed[-2]
+    assert not any(before)
+    assert "### ConveyorTrack-v0: 3 episodes" in of_the_second
+    assert "### ObstacleDodge-v0: 3 episodes" in capsys.readouterr().out
 
 
 def test_numbers_as_csv_and_tables_as_markdown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,7 @@ import pytest
 
 import agents
 import envs
+from agents import console
 from agents.cli import COMMANDS, main
 from agents.commands import rollout
 from agents.console import catch_interrupt, note_compiling
@@ -176,12 +177,33 @@ def test_a_file_that_cannot_be_written_is_said_before_the_work(
     assert capsys.readouterr().err.startswith(f"planarm {arguments[0]}: cannot write ")
 
 
-def test_compiling_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
-    with note_compiling():
+def test_compiling_is_said_once_and_then_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def compile_two() -> None:
         for _ in range(2):
             numba.njit(lambda x: x + 1)(2)
-    numba.njit(lambda x: x + 1)(2)
-    assert capsys.readouterr().err.count("compiling (first run only)") == 1
+
+    with note_compiling():
+        compile_two()
+    compile_two()
+    assert capsys.readouterr().err == "compiling, once; later runs load it\n"
+    monkeypatch.setattr(console, "INTERVAL", 0.0)
+    with note_compiling():
+        compile_two()
+    assert capsys.readouterr().err.splitlines()[1] == "compiling, once: 2 functions"
+
+
+def test_a_progress_bar_shows_what_is_compiled() -> None:
+    bar = console.progress_bar("episodes")
+    bar.disable = False
+    task = bar.add_task("")
+    with note_compiling(), console.show_compiling(bar) as begin:
+        begin("ConveyorTrack-v0")
+        numba.njit(lambda x: x + 1)(2)
+        assert bar.tasks[task].description == "ConveyorTrack-v0: compiling, once"
+        begin("ConveyorTrack-v0: dpct")
+        assert bar.tasks[task].description == "ConveyorTrack-v0: dpct"
 
 
 def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

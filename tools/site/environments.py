@@ -95,7 +95,7 @@ def _at_a_glance(env: Any, card: TaskCard) -> str:
 
 
 def _policies(env_id: str, card: TaskCard) -> str:
-    """The task's tables of the leaderboard, as `planarm benchmark` has printed them, without the comparisons."""
+    """The task's tables of the leaderboard, as `planarm benchmark --full` has printed them, without the comparisons."""
     text = "\n".join(printed_tables()["leaderboard"]["lines"])
     found = [
         part.partition("\n\n|difference")[0].strip()
@@ -104,8 +104,8 @@ def _policies(env_id: str, card: TaskCard) -> str:
     ]
     titled = "\n\n".join(f"### {part}" for part in found)
     return (
-        "## Leaderboard\n\nPrinted by `planarm benchmark`, see [the leaderboard](../benchmark/leaderboard.md) for the "
-        "comparisons and times, and [the experts](../planners/experts.md) for what each policy does.\n\n" + titled
+        "## Leaderboard\n\nPrinted by `planarm benchmark --full`, see [the leaderboard](../benchmark/leaderboard.md) for "
+        "the comparisons and times, and [the experts](../planners/experts.md) for what each policy does.\n\n" + titled
     )
 
 
