@@ -74,7 +74,8 @@ def test_the_page_knows_every_shipped_config(config: str) -> None:
 def test_the_examples_are_taken(command: list[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     kinds: dict[str, Any] = {"benchmark": BenchmarkOptions, "train": TrainOptions}
     shipped = {"benchmark": "benchmark", "train": "ppo/ConveyorTrack-v0"}[command[0]]
-    (tmp_path / "mine.yaml").write_text((PAGE.parents[2] / "configs" / f"{shipped}.yaml").read_text())
+    for own in ("mine.yaml", "my_tasks.yaml"):
+        (tmp_path / own).write_text((PAGE.parents[2] / "configs" / f"{shipped}.yaml").read_text())
     monkeypatch.chdir(tmp_path)
     config = tyro.cli(kinds[command[0]], args=command[1:]).resolve()
     for change in (part for part in command if "=" in part):
