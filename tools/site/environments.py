@@ -105,7 +105,8 @@ def _policies(env_id: str, card: TaskCard) -> str:
     titled = "\n\n".join(f"### {part}" for part in found)
     return (
         "## Leaderboard\n\nPrinted by `planarm benchmark --full`, see [the leaderboard](../benchmark/leaderboard.md) "
-        "for the comparisons and times, and [the experts](../planners/experts.md) for what each policy does.\n\n" + titled
+        "for the comparisons and times, and [the experts](../planners/experts.md) for what each policy does.\n\n"
+        f"{titled}"
     )
 
 
