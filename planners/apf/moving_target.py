@@ -203,8 +203,9 @@ def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pa
     t = min(LOOK_AHEAD, -2.0 * x / v) if x * v < 0.0 else 0.0
     px = target.position[0] + t * (target.velocity[0] + 0.5 * t * target.acceleration[0])
     py = target.position[1] + t * (target.velocity[1] + 0.5 * t * target.acceleration[1])
-    n, orientation = q.shape[0], q.sum()
+    n, orientation = q.shape[0], q[0] + q[1]
     if n == 3:
+        orientation += q[2]
         px -= model.lengths[2] * math.cos(orientation)
         py -= model.lengths[2] * math.sin(orientation)
     q1, q2 = two_link_branch(model.lengths[0], model.lengths[1], px, py, q[1])

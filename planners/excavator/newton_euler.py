@@ -63,10 +63,12 @@ def regressor_single(
     _turn(q, turns)
     _move(frames, gravity, turns, qd, qd_r, qdd_r, motion)
     for k in range(basis.shape[0]):
-        wrench[n - 1] = 0.0
+        for i in range(6):
+            wrench[n - 1, i] = 0.0
         _add_wrench(basis[k], motion[n - 1], wrench[n - 1])
         _project(frames, turns, wrench, tau)
-        columns[:, k] = tau
+        for i in range(n):
+            columns[i, k] = tau[i]
 
 
 @njit(cache=True, nogil=True)
@@ -78,7 +80,8 @@ def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
     n = q.shape[0]
     frames, _, inertia, drives = chain
     turns, wrench, bodies = np.empty((n, 2)), np.zeros((n, 6)), inertia.copy()
-    bodies[n - 1] += load
+    for i in range(load.shape[0]):
+        bodies[n - 1, i] += load[i]
     _turn(q, turns)
     for j in range(n - 1, -1, -1):
         alpha, a = _axis(frames[j]), _cross(_axis(frames[j]), _arm(frames[j]))
@@ -156,8 +159,9 @@ def _project(frames: Array, turns: Array, wrench: Array, tau: Array) -> None:
     """Joint torques of the links' wrenches ``(n, 6)``, from the tip inwards."""
     moment, force = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(tau.shape[0] - 1, -1, -1):
-        force = _sum(force, _vector(wrench[i, 3:]))
-        moment = _sum(_sum(moment, _vector(wrench[i, :3])), _cross(_arm(frames[i]), force))
+        pull, turn = (wrench[i, 3], wrench[i, 4], wrench[i, 5]), (wrench[i, 0], wrench[i, 1], wrench[i, 2])
+        force = _sum(force, pull)
+        moment = _sum(_sum(moment, turn), _cross(_arm(frames[i]), force))
         tau[i] = frames[i, 2] * moment[1] + frames[i, 3] * moment[2]  # about the joint's axis
         moment, force = _outwards(frames[i], turns[i], moment), _outwards(frames[i], turns[i], force)
 

@@ -234,8 +234,9 @@ def _tabulate(coupling: Array, weight: Array, derivatives: Array, step: float) -
     # values; A, B and G (eq 12) by inverse dynamics of partial motions
     for m in range(count):
         q, f1, f2, f3 = derivatives[m, 0], derivatives[m, 1], derivatives[m, 2], derivatives[m, 3]
-        nodes[m, 0, 0], nodes[m, 0, 1], nodes[m, 0, 2] = f1, f2, f3
-        nodes[m, 1, 0], nodes[m, 1, 1] = f2, f3
+        for i in range(n):
+            nodes[m, 0, 0, i], nodes[m, 0, 1, i], nodes[m, 0, 2, i] = f1[i], f2[i], f3[i]
+            nodes[m, 1, 0, i], nodes[m, 1, 1, i] = f2[i], f3[i]
         dynamics.inverse_dynamics_single(coupling, weightless, q, still, f1, nodes[m, 0, 3])
         dynamics.inverse_dynamics_single(coupling, weightless, q, f1, f2, nodes[m, 0, 4])
         dynamics.inverse_dynamics_single(coupling, weight, q, still, still, nodes[m, 0, 5])

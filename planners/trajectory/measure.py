@@ -186,11 +186,14 @@ def _clearance(
     that is smaller than the least so far, but for `BLUR`; around the least of all a search finds the minimum.
     """
     n = q.shape[1]
-    outward = np.cumsum(lengths[::-1])[::-1]
+    outward = np.empty(n)
+    for j in range(n - 1, -1, -1):
+        outward[j] = lengths[j] + (outward[j + 1] if j < n - 1 else 0.0)
     least, when, row, width, closest = np.inf, 0.0, 0, 0.0, discs[0]
     begins, gaps, parts = np.empty(DEPTH + 2), np.empty(DEPTH + 2), np.empty(DEPTH + 2)
     point = np.empty((3, n))
-    for disc in discs:
+    for number in range(discs.shape[0]):
+        disc = discs[number]
         last = clearance_single(lengths, base, link_radius, q[0], disc[0], disc[1], disc[4])
         if last < least:
             least, when, row, width, closest = last, 0.0, 0, 0.0, disc

@@ -90,8 +90,8 @@ def predicted_clearance(scene: PredictedDiscs, q: Array, t: float) -> float:
     """Clearance of posture ``q`` from the closest disc at time ``t``, m."""
     nearest = np.inf
     for i in range(scene.discs.shape[0]):
-        x, y, vx, vy, radius = scene.discs[i]
-        gap = clearance_single(scene.lengths, scene.base, scene.link_radius, q, x + t * vx, y + t * vy, radius)
+        x, y = scene.discs[i, 0] + t * scene.discs[i, 2], scene.discs[i, 1] + t * scene.discs[i, 3]
+        gap = clearance_single(scene.lengths, scene.base, scene.link_radius, q, x, y, scene.discs[i, 4])
         nearest = min(nearest, gap)
     return nearest
 
@@ -128,7 +128,8 @@ def fill_costs(
     for i in range(q.shape[0] - 1, -1, -1):
         outward += scene.lengths[i]
         steepness += abs(line.direction[i]) * outward
-    row[low : high + 1] = 0.0
+    for index in range(low, high + 1):
+        row[index] = 0.0
     index = low
     while index <= high:
         posture(line, first + step * index, t, q)

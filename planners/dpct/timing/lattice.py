@@ -134,7 +134,10 @@ def _forward(scene: PredictedDiscs, line: StraightLine, lattice: Lattice, came: 
     Only the first contact of a timing has a cost, and nothing after it.
     """
     places, speeds = came.shape[1], came.shape[2]
-    value, after = np.full((places, speeds), np.inf), np.empty((places, speeds))
+    value, after = np.empty((places, speeds)), np.empty((places, speeds))
+    for place in range(places):
+        for index in range(speeds):
+            value[place, index] = np.inf
     value[-lattice.back, -lattice.slowest] = 0.0
     middle, end = np.empty(places), np.empty(places)
     low = high = -lattice.back  # the places that can be reached, as indices
@@ -145,7 +148,9 @@ def _forward(scene: PredictedDiscs, line: StraightLine, lattice: Lattice, came: 
         half, full = (k + 0.5) * STAGE, (k + 1) * STAGE
         fill_costs(scene, line, half, line.speed * half + shift, lattice.step, next_low, next_high, middle)
         fill_costs(scene, line, full, line.speed * full + shift, lattice.step, next_low, next_high, end)
-        after[next_low : next_high + 1] = np.inf
+        for place in range(next_low, next_high + 1):
+            for index in range(speeds):
+                after[place, index] = np.inf
         held = k < line.held
         for place in range(low, high + 1):
             for index in range(-lattice.slowest - reach[0], -lattice.slowest + reach[1] + 1):
@@ -170,7 +175,10 @@ def _forward(scene: PredictedDiscs, line: StraightLine, lattice: Lattice, came: 
                         came[k + 1, there, index + control] = control
         value, after = after, value
         low, high = next_low, next_high
-    value[:low], value[high + 1 :] = np.inf, np.inf
+    for place in range(places):
+        if not low <= place <= high:
+            for index in range(speeds):
+                value[place, index] = np.inf
     return value
 
 

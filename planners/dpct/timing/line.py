@@ -43,47 +43,68 @@ def fields_of_line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> tu
 @njit(cache=True, nogil=True)
 def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightLine:
     """The line to a goal, ``(n,)``, rad, from the state ``q``, ``qd``, once the transverse velocity is 0."""
-    velocity, acceleration = limits.table[1], limits.table[2]
-    change = goal - q
-    square = np.sum(change * change)
-    if square > LEAST_LENGTH**2:
-        displacement = change
-        speed = float(np.sum(qd * change) / square)  # displacements per second, until the line is made
+    n, table = q.shape[0], limits.table
+    change, displacement, across = np.empty(n), np.empty(n), np.empty(n)
+    square = speed = 0.0
+    for i in range(n):
+        change[i] = displacement[i] = goal[i] - q[i]
+        square += change[i] * change[i]
+        speed += qd[i] * change[i]
+    within = square > LEAST_LENGTH**2
+    decay, gentle = 0.0, True
+    if within:
+        speed /= square  # displacements per second, until the line is made
+        spared = 1.0
         for _ in range(ROUNDS):
-            speed = _allowed_speed(speed, displacement, velocity)
-            decay, gentle = _transverse_braking(qd - speed * displacement, acceleration)
+            speed = _allowed_speed(speed, displacement, table)
+            decay, gentle = _transverse_braking(qd, speed, displacement, table)
             # remaining displacement once the transverse velocity is 0: change - decay / 2 (qd - speed displacement)
             spared = max(0.5, 1.0 - 0.5 * speed * decay)
-            displacement = (change - 0.5 * decay * qd) / spared
-        across = qd - speed * displacement
-        most = acceleration * decay * (2.0 * GENTLE if gentle else 1.0) + TINY
-        within = np.all(np.abs(across) <= most) and np.all(np.abs(speed * displacement) <= velocity)
-        if spared > 0.5 and within:
-            return _line(q, displacement, speed, across, decay, gentle, True, limits)
-    decay, gentle = _transverse_braking(qd, acceleration)
-    return _line(q, change - 0.5 * decay * qd, 0.0, qd.copy(), decay, gentle, True, limits)
+            for i in range(n):
+                displacement[i] = (change[i] - 0.5 * decay * qd[i]) / spared
+        within = spared > 0.5
+        for i in range(n):
+            across[i] = qd[i] - speed * displacement[i]
+            most = table[2, i] * decay * (2.0 * GENTLE if gentle else 1.0) + TINY
+            within = within and abs(across[i]) <= most and abs(speed * displacement[i]) <= table[1, i]
+    if not within:
+        speed = 0.0
+        decay, gentle = _transverse_braking(qd, 0.0, displacement, table)
+        for i in range(n):
+            displacement[i], across[i] = change[i] - 0.5 * decay * qd[i], qd[i]
+    return _line(q, displacement, speed, across, decay, gentle, 1.0, limits)
 
 
 @njit(cache=True, nogil=True)
 def line_along(q: Array, qd: Array, direction: Array, limits: ArmLimits) -> StraightLine:
     """The line without a goal in a direction, ``(n,)``; the other arguments are those of `line_to`."""
-    speed = _allowed_speed(np.sum(qd * direction) / np.sum(direction * direction), direction, limits.table[1])
-    across = qd - speed * direction
-    decay, gentle = _transverse_braking(across, limits.table[2])
-    return _line(q, direction, speed, across, decay, gentle, False, limits)
+    along = square = 0.0
+    for i in range(q.shape[0]):
+        along += qd[i] * direction[i]
+        square += direction[i] * direction[i]
+    speed = _allowed_speed(along / square, direction, limits.table)
+    decay, gentle = _transverse_braking(qd, speed, direction, limits.table)
+    across = np.empty(q.shape[0])
+    for i in range(q.shape[0]):
+        across[i] = qd[i] - speed * direction[i]
+    return _line(q, direction, speed, across, decay, gentle, np.nan, limits)
 
 
-@njit(cache=True, nogil=True)
-def _allowed_speed(speed: float, displacement: Array, limit: Array) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _allowed_speed(speed: float, displacement: Array, table: Array) -> float:
     """The speed, 1/s, reduced to the velocity limits of the joints; the excess becomes transverse velocity."""
-    excess = np.max(np.abs(speed * displacement) / limit)
+    excess = 0.0
+    for i in range(displacement.shape[0]):
+        excess = max(excess, abs(speed * displacement[i]) / table[1, i])
     return speed * SPARED_SPEED / excess if excess > SPARED_SPEED else speed
 
 
-@njit(cache=True, nogil=True)
-def _transverse_braking(across: Array, acceleration: Array) -> tuple[float, bool]:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _transverse_braking(qd: Array, speed: float, displacement: Array, table: Array) -> tuple[float, bool]:
     """Time for braking a transverse velocity, s, and whether that leaves most of the acceleration for other use."""
-    least = np.max(np.abs(across) / acceleration)
+    least = 0.0
+    for i in range(qd.shape[0]):
+        least = max(least, abs(qd[i] - speed * displacement[i]) / table[2, i])
     gentle = math.ceil(least / GENTLE / STAGE - 1e-9)
     if gentle <= GENTLE_STAGES:
         return gentle * STAGE, True
@@ -92,19 +113,25 @@ def _transverse_braking(across: Array, acceleration: Array) -> tuple[float, bool
 
 @njit(cache=True, nogil=True)
 def _line(
-    q: Array, vector: Array, speed: float, across: Array, decay: float, gentle: bool, has_goal: bool, limits: ArmLimits
+    q: Array, vector: Array, speed: float, across: Array, decay: float, gentle: bool, end: float, limits: ArmLimits
 ) -> StraightLine:
-    """The line along a vector, ``(n,)``, and what the limits allow on it."""
-    table = limits.table
-    origin = q + 0.5 * decay * across
-    length = math.sqrt(np.sum(vector * vector))
+    """The line along a vector, ``(n,)``, and what the limits allow on it.
+
+    The goal lies at ``end`` vectors; NaN for a line without one.
+    """
+    n, table = q.shape[0], limits.table
+    origin, direction, square = np.empty(n), np.zeros(n), 0.0
+    for i in range(n):
+        origin[i] = q[i] + 0.5 * decay * across[i]
+        square += vector[i] * vector[i]
+    length = math.sqrt(square)
     if length > LEAST_LENGTH:
-        direction = vector / length
+        for i in range(n):
+            direction[i] = vector[i] / length
     else:
-        length, direction = 0.0, np.zeros_like(vector)
-        direction[0] = 1.0
+        length, direction[0] = 0.0, 1.0
     acceleration, top_speed, low, high = np.inf, np.inf, -np.inf, np.inf
-    for i in range(q.shape[0]):
+    for i in range(n):
         slope = abs(direction[i])
         if slope > 0.0:
             besides = abs(across[i]) if gentle and decay > 0.0 else 0.0
@@ -117,12 +144,12 @@ def _line(
         low = high = np.nan
     acceleration, top_speed = max(acceleration, TINY), max(top_speed, TINY)
     speed *= length
-    goal = length if has_goal else np.nan
+    goal = length * end
     held = 0 if gentle else round(min(decay, LONGEST_BRAKING) / STAGE)
     stop = speed * (held * STAGE + 0.5 * abs(speed) / acceleration)
     if not np.isnan(low):
         low, high = min(low, stop) - TINY, max(high, stop) + TINY
-    for i in range(q.shape[0]):
+    for i in range(n):
         # a start at the edge of a range or beyond it is allowed, moving further out is not
         middle = limits.middle[i]
         if abs(origin[i] + stop * direction[i] - middle) > max(table[3, i], abs(q[i] - middle)) + SLACK:
@@ -134,10 +161,11 @@ def _line(
 def _most_acceleration(origin: Array, direction: Array, length: float, limits: ArmLimits) -> float:
     """Largest acceleration along the line from rest within the torque limits, rad/s^2."""
     n = origin.shape[0]
-    still, moved, held, weightless = np.zeros(n), np.empty(n), np.empty(n), np.zeros(n)
+    still, moved, held, weightless, q = np.zeros(n), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
     most = np.inf
     for probe in range(PROBES):
-        q = origin + length * probe / (PROBES - 1) * direction
+        for i in range(n):
+            q[i] = origin[i] + length * probe / (PROBES - 1) * direction[i]
         inverse_dynamics_single(limits.coupling, limits.weight, q, still, still, held)
         inverse_dynamics_single(limits.coupling, weightless, q, still, direction, moved)
         for i in range(n):

@@ -154,15 +154,19 @@ def search(
     for e in range(ends.q.shape[0]):
         for p in range(ends.patterns[e]):
             straight = p == 0 and ends.patterns[e] > 1
-            for pace in PACES if straight else PACES[:1]:
-                tried[0] = patterns[p, 0] - pace * (ends.q[e] - situation.q)
-                tried[1] = patterns[p, 1] + pace * (ends.q[e] - situation.q)
+            for pace in PACES:
+                if pace != PACES[0] and not straight:
+                    break
+                for i in range(n):
+                    tried[0, i] = patterns[p, 0, i] - pace * (ends.q[e, i] - situation.q[i])
+                    tried[1, i] = patterns[p, 1, i] + pace * (ends.q[e, i] - situation.q[i])
                 duration = ends.soonest[e]
                 for _ in range(options.durations * (FINER if straight else 1)):
                     cost = rate(context, e, tried, duration, best.cost)
                     if cost < best.cost:
                         best = Found(cost, e, duration)
-                        via[:] = tried
+                        for i in range(n):
+                            via[0, i], via[1, i] = tried[0, i], tried[1, i]
                     duration *= STRETCH ** (1.0 / FINER) if straight else STRETCH
     if best.end >= 0:
         best = _refine(context, via, best)
@@ -222,7 +226,7 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
                 return False
         fast = max(SHARE * situation.velocity[i], (1.0 + 1e-6) * abs(situation.qd[i])) * duration
         hard, harsh = SHARE * situation.acceleration[i] * duration**2, SHARE * situation.jerk[i] * duration**3
-        _, c1, c2, c3, c4, c5 = c[i]
+        c1, c2, c3, c4, c5 = c[i, 1], c[i, 2], c[i, 3], c[i, 4], c[i, 5]
         for k in range(LIMIT_SAMPLES + 1):
             s = k / LIMIT_SAMPLES
             if abs(2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) > hard:
@@ -274,7 +278,8 @@ def _gap(context: Search, duration: float, t: float) -> float:
     s, q, nearest = min(1.0, t / duration), scratch.q, np.inf
     for i in range(q.shape[0]):
         q[i] = angle_at(scratch.c[i], s)
-    for disc in situation.discs:
+    for k in range(situation.discs.shape[0]):
+        disc = situation.discs[k]
         x, y = disc[0] + t * disc[2] - situation.base[0], disc[1] + t * disc[3] - situation.base[1]
         away = max(math.hypot(x, y), 1e-9)
         out = max(1.0, options.keep_out / away)

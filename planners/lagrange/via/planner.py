@@ -259,27 +259,32 @@ def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, p
     The fields of `Stops`.
     Waiting postures outside of the joint ranges are left out; the motion to them has no via-nodes.
     """
-    n, still = situation.q.shape[0], np.zeros_like(situation.q)
-    most, count = goals.shape[0] + offsets.shape[0], goals.shape[0]
-    q, soonest = np.empty((most, n)), np.empty(most)
-    due, holds, tried = np.zeros(most), np.full(most, hold), np.full(most, patterns)
+    n, count = goals.shape[1], goals.shape[0]
+    most = count + offsets.shape[0]
+    q, soonest, due, holds = np.empty((most, n)), np.empty(most), np.zeros(most), np.empty(most)
+    tried, still = np.empty(most, np.int64), np.zeros(n)
     for g in range(count):
-        q[g], soonest[g] = goals[g], max(SHORTEST, _least_time(situation, situation.q, situation.qd, goals[g]))
+        holds[g], tried[g] = hold, patterns
+        for i in range(n):
+            q[g, i] = goals[g, i]
+        soonest[g] = max(SHORTEST, _least_time(situation, situation.q, situation.qd, q[g]))
     waiting = 0.0
     for disc in situation.discs:
         waiting = max(waiting, CLEARING / max(math.hypot(disc[2], disc[3]), SLOWEST))
     braking = SHORTEST
     for i in range(n):
         braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
-    for offset in offsets:
-        posture = situation.q + 0.5 * braking * situation.qd + offset
-        if (np.abs(posture - situation.middle) > situation.angle).any():
+    for k in range(offsets.shape[0]):
+        outside = False
+        for i in range(n):
+            q[count, i] = situation.q[i] + 0.5 * braking * situation.qd[i] + offsets[k, i]
+            outside = outside or abs(q[count, i] - situation.middle[i]) > situation.angle[i]
+        if outside:
             continue
-        q[count], holds[count], tried[count] = posture, np.inf, 1
-        soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, posture))
-        due[count] = np.inf
-        for goal in goals:
-            due[count] = min(due[count], waiting + DETOUR * _least_time(situation, posture, still, goal))
+        holds[count], tried[count], due[count] = np.inf, 1, np.inf
+        soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, q[count]))
+        for g in range(goals.shape[0]):
+            due[count] = min(due[count], waiting + DETOUR * _least_time(situation, q[count], still, goals[g]))
         count += 1
     return q[:count], due[:count], holds[:count], soonest[:count], tried[:count]
 
