@@ -4,6 +4,7 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from agents.datasets.record import Recording, record_dataset
     from agents.evaluation.evaluate import evaluate
     from agents.evaluation.results import Evaluation
     from agents.evaluation.scoreboard import Scoreboard
@@ -18,12 +19,14 @@ __all__ = [
     "Agent",
     "Evaluation",
     "NativeVecEnv",
+    "Recording",
     "Scoreboard",
     "compare",
     "evaluate",
     "export_agent",
     "leaderboard",
     "load_agent",
+    "record_dataset",
     "save_agent",
 ]
 
@@ -31,12 +34,14 @@ _HOMES = {
     "Agent": "agents.policies.agent:Agent",
     "Evaluation": "agents.evaluation.results:Evaluation",
     "NativeVecEnv": "agents.training.vec_env:NativeVecEnv",
+    "Recording": "agents.datasets.record:Recording",
     "Scoreboard": "agents.evaluation.scoreboard:Scoreboard",
     "compare": "agents.evaluation.scoring:compare",
     "evaluate": "agents.evaluation.evaluate:evaluate",
     "export_agent": "agents.policies.export:export_agent",
     "leaderboard": "agents.evaluation.scoring:score_leaderboard",
     "load_agent": "agents.policies.files:load_agent",
+    "record_dataset": "agents.datasets.record:record_dataset",
     "save_agent": "agents.policies.files:save_agent",
 }
 

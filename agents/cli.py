@@ -34,6 +34,7 @@ COMMANDS = {
     "paths": Command("agents.commands.paths", "PathsOptions", "draw the paths of several policies from one start"),
     "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),
     "list": Command("agents.commands.listing", "ListOptions", "environments, experts, planners, recipes, agents, arms"),
+    "dataset": Command("agents.datasets.command", "DatasetOptions", "record episodes as a Minari dataset"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, SAC or TD3, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),

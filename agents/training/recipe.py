@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agents.yaml_config import assigned
 from envs.settings import Settings, refuse_unknown
@@ -17,24 +17,55 @@ Threads = Annotated[int, Field(ge=1, le=256)]
 EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
 
 
-class WarmStart(Settings):
-    """DAgger before PPO: see :mod:`agents.training.dagger`.
+class Teacher(Settings):
+    """Where demonstrations come from: an expert or a dataset, one of the two.
 
     Attributes:
         expert: its name.
-        episodes: in each iteration.
-        rounds: iterations of collecting and fitting.
+        dataset: id or folder of a Minari dataset, such as ``planarm dataset`` records.
+        sha256: fingerprint of the dataset, filled in when a run begins; with another one it does not go on.
+    """
+
+    expert: str | None = None
+    dataset: str | None = None
+    sha256: str | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.expert is None) == (self.dataset is None):
+            raise ValueError("give expert, the name of an expert, or dataset, the id of a dataset: one of the two")
+        return self
+
+    @property
+    def source(self) -> str:
+        """The expert or the dataset, for messages."""
+        return str(self.expert or self.dataset)
+
+
+class WarmStart(Teacher):
+    """DAgger before PPO, or behaviour cloning of a dataset: see :mod:`agents.training.warm_start.dagger`.
+
+    Attributes:
+        expert: its name.
+        dataset: id or folder of a Minari dataset, whose episodes are cloned in one round.
+        sha256: fingerprint of the dataset, filled in when a run begins; with another one it does not go on.
+        episodes: in each iteration; all of a dataset.
+        rounds: iterations of collecting and fitting; one with a dataset.
         updates: gradient steps in each iteration, on the samples of all iterations so far.
         batch_size: samples of a gradient step.
         learning_rate: at the start; it falls linearly to a hundredth over all iterations.
     """
 
-    expert: str
     episodes: int = Field(256, ge=1)
     rounds: int = Field(8, ge=1)
     updates: int = Field(2000, ge=1)
     batch_size: int = Field(1024, ge=2)
     learning_rate: float = Field(2e-3, gt=0.0)
+
+    @property
+    def iterations(self) -> int:
+        """Rounds of collecting and fitting; a dataset holds no labels for states that the clone visits."""
+        return self.rounds if self.dataset is None else 1
 
 
 class Amortisation(Settings):
@@ -53,15 +84,16 @@ class Amortisation(Settings):
     learning_rate: float = Field(1e-3, gt=0.0)
 
 
-class Demonstrations(Settings):
-    """Episodes of an expert for a replay buffer.
+class Demonstrations(Teacher):
+    """Episodes of an expert or a dataset for a replay buffer.
 
     Attributes:
         expert: its name.
-        episodes: number of episodes.
+        dataset: id or folder of a Minari dataset.
+        sha256: fingerprint of the dataset, filled in when a run begins; with another one it does not go on.
+        episodes: number of episodes, the first ones of a dataset.
     """
 
-    expert: str
     episodes: int = Field(64, ge=1)
 
 
@@ -132,7 +164,7 @@ class TrainingConfig(Settings):
 
     @property
     def teacher(self) -> WarmStart | Demonstrations | None:
-        """What the run takes from an expert before it trains, if anything."""
+        """What the run takes from an expert or a dataset before it trains, if anything."""
         return None
 
     @property
@@ -160,13 +192,15 @@ class PPOConfig(TrainingConfig):
         max_grad_norm: a longer gradient is scaled down to this norm.
         log_std: logarithm of the actions' standard deviation at the start.
         final_log_std: at the end, linear between; if left out, it is learned.
-        warm_start: DAgger with an expert before PPO.
+        total_steps: control steps of all environments together; 0 for the warm start alone.
+        warm_start: DAgger with an expert, or cloning of a dataset, before PPO.
         amortise: fit to the cost of motions before PPO.
         whole_episodes: the policy acts once an episode; steps then count episodes.
     """
 
     title: ClassVar[str] = "PPO"
     algorithm: Literal["ppo"] = "ppo"
+    total_steps: int = Field(3_000_000, ge=0)
     epochs: int = Field(8, ge=1)
     gae_lambda: float = Field(0.95, ge=0.0, le=1.0)
     clip_range: float = Field(0.2, gt=0.0)
@@ -181,7 +215,7 @@ class PPOConfig(TrainingConfig):
 
     @property
     def teacher(self) -> WarmStart | Demonstrations | None:
-        """What the run takes from an expert before it trains, if anything."""
+        """What the run takes from an expert or a dataset before it trains, if anything."""
         return self.warm_start
 
     @property
@@ -228,7 +262,7 @@ class OffPolicyConfig(TrainingConfig):
 
     @property
     def teacher(self) -> WarmStart | Demonstrations | None:
-        """What the run takes from an expert before it trains, if anything."""
+        """What the run takes from an expert or a dataset before it trains, if anything."""
         return self.demonstrations
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import envs
+from agents.datasets.read import read_dataset
 from agents.training.recipe import Demonstrations
 from agents.training.vec_env import NativeVecEnv
 from planners.files import whole_file
@@ -69,11 +70,14 @@ def _sha256(path: Path) -> str:
 def demonstrate(
     plan: Demonstrations, env: NativeVecEnv, buffer: Any, progress: Callable[[str], bool] = lambda line: True
 ) -> bool:
-    """Fill a replay buffer with an expert's episodes; whether it was completed.
+    """Fill a replay buffer with episodes of an expert or a dataset; whether it was completed.
 
     ``progress`` is called with a line before every control step and says whether to continue.
     """
-    expert = envs.make_expert(plan.expert, env.env)
+    if plan.dataset is not None:
+        _add_dataset(plan.dataset, plan.episodes, env.num_envs, buffer)
+        return progress(f"demonstrations of {plan.dataset} are in the replay buffer")
+    expert = envs.make_expert(plan.source, env.env)
     observations: Any = env.reset()
     state, begins, episodes = None, np.ones(env.num_envs, dtype=bool), 0
     while episodes < plan.episodes:
@@ -88,3 +92,17 @@ def demonstrate(
         buffer.add(observations, last, actions, rewards, begins, infos)
         episodes, observations = episodes + int(begins.sum()), following
     return True
+
+
+def _add_dataset(dataset: str, episodes: int, num_envs: int, buffer: Any) -> None:
+    """Add transitions of a dataset, as many at a time as there are environments; a last few may be left out."""
+    steps: list[tuple[Any, ...]] = []
+    for episode in read_dataset(dataset, most=episodes):
+        last = len(episode.actions) - 1
+        for t, action in enumerate(episode.actions):
+            info = {"TimeLimit.truncated": t == last and not episode.terminated}
+            transition = episode.observations[t], episode.observations[t + 1], action, episode.rewards[t], t == last
+            steps.append((*transition, info))
+    for first in range(0, len(steps) - num_envs + 1, num_envs):
+        *columns, infos = zip(*steps[first : first + num_envs], strict=True)
+        buffer.add(*map(np.stack, columns), list(infos))

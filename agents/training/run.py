@@ -19,6 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 import envs
+from agents.datasets.read import check_dataset
 from agents.environments import import_env, make_batch
 from agents.policies.files import layout_of, save_agent
 from agents.training import devices
@@ -77,14 +78,14 @@ class TrainingRun:
             ValueError: if the folder is not empty, or the configuration names something that does not exist.
         """
         import_env(config.env)
-        config = with_arm_document(devices.resolved(config))
+        config = with_fingerprint(with_arm_document(devices.resolved(config)))
         devices.use(config)
         fine_elements(config, layout_of(config.env_id, config.env_config))
         refuse_unknown(config.baselines or (), expert_names(config.env_id), "expert")
         if isinstance(config, PPOConfig) and config.amortise:
             with closing(gym.make_vec(config.env_id, num_envs=1, **config.env_config)) as batch:
                 check_motions(batch)
-        if teacher := config.teacher:
+        if (teacher := config.teacher) and teacher.expert is not None:
             with closing(gym.make(config.env_id, **config.env_config)) as env:
                 envs.make_expert(teacher.expert, env)
         write_origin(folder, config, command)
@@ -125,8 +126,10 @@ class TrainingRun:
             model = make_model(config, env, layout, config.device)
             model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
             self.state = load_checkpoint(self.folder, self.identity, model)
-            if not self.state.rows and not self._warm_start(model, env, watcher):
-                return False
+            if not self.state.rows:
+                with_fingerprint(config)  # refuses a dataset that has changed
+                if not self._warm_start(model, env, watcher):
+                    return False
             baseline = baseline_columns(self.state.rows[0])
             while not self.finished:
                 if not self._segment(model, env, baseline, watcher):
@@ -258,3 +261,13 @@ def with_arm_document(config: TrainingConfig) -> TrainingConfig:
         return config
     document = arm_document(load_arm(arm))
     return config.model_copy(update={"env_config": {**config.env_config, "arm": document}})
+
+
+def with_fingerprint(config: TrainingConfig) -> TrainingConfig:
+    """A recipe that holds the fingerprint of its dataset, if it has one; raises as `check_dataset`."""
+    teacher = config.teacher
+    if teacher is None or teacher.dataset is None:
+        return config
+    found = check_dataset(teacher.dataset, config.env_id, config.env_config, teacher.sha256)
+    name = "warm_start" if isinstance(config, PPOConfig) else "demonstrations"
+    return config.model_copy(update={name: teacher.model_copy(update={"sha256": found})})

@@ -1,4 +1,4 @@
-"""DAgger: a policy's first weights from an expert, on states that the policy itself visits.
+"""DAgger: a policy's first weights from an expert, on states that the policy itself visits; or from a dataset.
 
 S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
 learning", algorithm 3.1.
@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 import envs
+from agents.datasets.read import read_dataset
 from agents.environments import make_batch
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
@@ -23,13 +24,13 @@ from planners.typing import Array
 
 
 def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None) -> bool:
-    """Fit the mean action of a policy to an expert's, and its value to the returns of the fitted policy.
+    """Fit the mean action of a policy to an expert's or a dataset's, and its value to the returns of the fitted policy.
 
     The expert acts in the first iteration, which is behaviour cloning, and the policy in the later ones. The expert
-    labels every state visited, and each iteration fits the policy to the samples of all iterations so far. ``seed`` is
-    of the first episode and of the order of the samples. ``stage`` keeps the state after each iteration, from which a
-    later call goes on, and hears a line about it; the return value says whether all is done. Without a warm start in
-    ``config``, it is.
+    labels every state visited, and each iteration fits the policy to the samples of all iterations so far. A dataset is
+    cloned in one iteration. ``seed`` is of the first episode and of the order of the samples. ``stage`` keeps the state
+    after each iteration, from which a later call goes on, and hears a line about it; the return value says whether all
+    is done. Without a warm start in ``config``, it is.
     """
     plan, stage = config.warm_start, stage or Stage()
     if plan is None:
@@ -46,31 +47,38 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
         observations, labels = state["observations"].numpy(), state["labels"].numpy()
         first = int(state["iterations"])
     with closing(make_batch(config.env_id, plan.episodes, config.env_config)) as env:
-        for iteration in range(first, plan.rounds):
-            actor = policy if iteration else None
-            visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)
+        for iteration in range(first, plan.iterations):
+            if plan.dataset is None:
+                actor = policy if iteration else None
+                visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)
+            else:
+                episodes = read_dataset(plan.dataset)
+                visited = [episode.observations[:-1] for episode in episodes]
+                wanted = [episode.actions for episode in episodes]
             observations = np.concatenate([observations, *visited])
             labels = np.concatenate([labels, *wanted])
             error = _fit_actions(policy, optimizer, (observations, labels), plan, iteration, generator) ** 0.5
             samples = {"observations": torch.from_numpy(observations), "labels": torch.from_numpy(labels)}
             stage.save("dagger", {**state_of(policy, optimizer, generator), **samples, "iterations": iteration + 1})
-            line = f"DAgger, {plan.expert}: iteration {iteration + 1} of {plan.rounds}, error {error:.3f}"
+            method = "DAgger" if plan.dataset is None else "behaviour cloning"
+            line = f"{method}, {plan.source}: iteration {iteration + 1} of {plan.iterations}, error {error:.3f}"
             if not stage.report(line):
                 return False
-        visited, _, rewards = collect(env, plan.expert, policy, seed + plan.rounds * plan.episodes)
+        visited, _, rewards = collect(env, None, policy, seed + plan.iterations * plan.episodes)
     returns = np.concatenate(returns_to_go(rewards, config.gamma))
     _fit_value(policy, np.concatenate(visited), returns, plan, generator)
     return True
 
 
 def collect(
-    env: gym.vector.VectorEnv[Any, Any, Any], expert_name: str, actor: Any, seed: int
+    env: gym.vector.VectorEnv[Any, Any, Any], expert_name: str | None, actor: Any, seed: int
 ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]], list[Array]]:
     """The first episode of each environment: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
 
-    ``actor`` acts, or the expert if it is None. Environment i is reset with ``seed`` + i.
+    ``actor`` acts, or the expert if it is None; without an expert, the actions are the actor's. Environment i is reset
+    with ``seed`` + i.
     """
-    expert = envs.make_expert(expert_name, env)
+    expert: Any = actor if expert_name is None else envs.make_expert(expert_name, env)
     observation, _ = env.reset(seed=seed)
     state, begins = None, np.ones(env.num_envs, dtype=bool)
     running = begins.copy()
@@ -116,7 +124,7 @@ def _fit_actions(
         return torch.nn.functional.mse_loss(means, labels[batch])
 
     def rate(update: int) -> float:
-        return 1.0 - 0.99 * ((iteration + update / plan.updates) / plan.rounds)
+        return 1.0 - 0.99 * ((iteration + update / plan.updates) / plan.iterations)
 
     losses = list(gradient_steps(optimizer, loss, len(observations), plan, generator, rate=rate))
     return float(np.mean(losses[-max(1, plan.updates // 10) :]))

@@ -1,0 +1,1 @@
+"""Demonstrations as Minari datasets: recorded from any policy, read back for training."""

@@ -1,0 +1,171 @@
+"""Minari datasets as files: written whole or not at all, and read without running code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from tempfile import mkdtemp
+from types import TracebackType
+from typing import Any, Self
+
+from gymnasium.error import DependencyNotInstalled
+
+from planners.checks import brief
+from planners.documents import read_document
+
+DETAILS = "planarm"
+"""Key of the metadata below which planarm writes how a dataset was recorded."""
+
+_DRAFT = ".planarm-"  # folders that begin with it belong to the process whose number follows
+_MOST_METADATA = 1 << 24  # bytes
+
+
+def minari() -> Any:
+    """The library Minari; a DependencyNotInstalled says how to install it if it is missing."""
+    try:
+        import h5py  # noqa: F401
+        import minari
+    except ModuleNotFoundError as error:
+        raise DependencyNotInstalled(f'datasets need {error.name}; run: pip install "planarm[data]"') from None
+    return minari
+
+
+def dataset_folder(dataset: str) -> Path:
+    """The folder of a dataset, by its id or by its path.
+
+    Raises:
+        ValueError: if the name is not of the form ``(namespace/)name-v0``.
+    """
+    if Path(dataset).is_dir():
+        return Path(dataset)
+    from minari.dataset.minari_dataset import parse_dataset_id
+    from minari.storage import get_dataset_path
+
+    try:
+        parse_dataset_id(dataset)
+    except ValueError:
+        raise ValueError(f'dataset "{brief(dataset)}" is no folder and no id such as belt/dpct-v0') from None
+    return Path(get_dataset_path(dataset))
+
+
+class Draft:
+    """A dataset that is being written, in a folder beside the others; it becomes a dataset when it is finished.
+
+    A context: what is not finished at its end is deleted. What a killed process has left is deleted by the next draft.
+
+    Args:
+        dataset_id: ``(namespace/)name-v0``.
+        env: of which the episodes are; its spec is stored.
+        overwrite: whether a dataset of this id may be replaced.
+
+    Raises:
+        ValueError: if the id is malformed, or there is such a dataset.
+    """
+
+    def __init__(self, dataset_id: str, env: Any, *, overwrite: bool = False) -> None:
+        minari()
+        from minari.dataset.minari_dataset import parse_dataset_id
+        from minari.dataset.minari_storage import MinariStorage
+        from minari.namespace import create_namespace, list_local_namespaces
+
+        self.dataset_id, self.folder = dataset_id, dataset_folder(dataset_id)
+        namespace, _, _ = parse_dataset_id(dataset_id)
+        if (self.folder / "data").exists() and not overwrite:
+            raise ValueError(f"there is a dataset {dataset_id} in {self.folder}: take another version, or overwrite it")
+        if namespace is not None and namespace not in list_local_namespaces():
+            create_namespace(namespace)
+        root = self.folder.parents[len(Path(dataset_id).parts) - 1]
+        root.mkdir(parents=True, exist_ok=True)
+        _tidy(root)
+        self._draft = Path(mkdtemp(prefix=f"{_DRAFT}{os.getpid()}-", dir=root))
+        self._storage: Any = MinariStorage.new(
+            self._draft / "data", env.observation_space, env.action_space, env_spec=env.spec
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: type[BaseException] | BaseException | TracebackType | None) -> None:
+        shutil.rmtree(self._draft, ignore_errors=True)
+
+    def add(self, episodes: Sequence[Any], details: Sequence[Mapping[str, Any]]) -> None:
+        """Append episodes (``minari.data_collector.EpisodeBuffer``), each with metadata of its own."""
+        first = self._storage.total_episodes
+        self._storage.update_episodes(episodes)
+        self._storage.update_episode_metadata(map(dict, details), range(first, first + len(episodes)))
+
+    def finish(self, metadata: Mapping[str, Any]) -> Path:
+        """Make it a dataset, with metadata; its folder."""
+        self._storage.update_metadata(
+            {"dataset_id": self.dataset_id, "minari_version": minari().__version__, **metadata}
+        )
+        self.folder.mkdir(exist_ok=True)
+        with suppress(FileNotFoundError):
+            os.rename(self.folder / "data", self._draft / "replaced")
+        os.rename(self._draft / "data", self.folder / "data")
+        return self.folder
+
+
+def open_dataset(dataset: str) -> Any:
+    """A ``minari.MinariDataset`` by its id or its folder; no code that it names is imported.
+
+    Raises:
+        ValueError: if there is none, or it cannot be read.
+    """
+    library, folder = minari(), dataset_folder(dataset)
+    path = folder / "data"
+    if not path.is_dir():
+        raise ValueError(
+            f"no dataset {dataset} in {folder.parent}: record it with planarm dataset, or minari download {dataset}"
+        )
+    metadata = read_document(path / "metadata.json", _MOST_METADATA)
+    # Minari would make the environment, whose entry point can be any code, to find out its spaces.
+    if not isinstance(metadata, dict) or not {"observation_space", "action_space"} <= metadata.keys():
+        raise ValueError(f"{path / 'metadata.json'} does not describe the observations and actions")
+    try:
+        return library.MinariDataset(path)
+    except Exception as error:  # a damaged file can fail in any way
+        raise ValueError(f"cannot read {path}: {type(error).__name__}: {str(error)[:300]}") from None
+
+
+def fingerprint(dataset: Any) -> str:
+    """A hash of the episodes of a ``minari.MinariDataset`` as they are stored."""
+    content = hashlib.sha256()
+    for path in sorted(Path(dataset.storage.data_path).rglob("*")):
+        if path.is_file() and path.name != "metadata.json":
+            with path.open("rb") as file:
+                content.update(hashlib.file_digest(file, "sha256").digest())
+    return content.hexdigest()
+
+
+def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as JSON holds them: NumPy's numbers and arrays as Python's."""
+
+    def plain(value: Any) -> Any:
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    document: dict[str, Any] = json.loads(json.dumps(dict(values), default=plain))
+    return document
+
+
+def _tidy(root: Path) -> None:
+    """Delete the drafts of processes that are no more."""
+    for path in root.glob(f"{_DRAFT}*-*"):
+        number = path.name.removeprefix(_DRAFT).partition("-")[0]
+        if number.isdecimal() and not _runs(int(number)):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
