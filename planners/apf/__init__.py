@@ -23,7 +23,7 @@ from planners.problem import MotionProblem
 from planners.trajectory import Trajectory
 
 Variant = Literal["field", "paper"]
-"""The fields: those of the experts, and the one as published."""
+"""Names of the fields: those of the experts, and the one as published."""
 
 
 def plan(problem: MotionProblem, variant: Variant = "field", **options: Any) -> Trajectory:

@@ -26,7 +26,7 @@ from planners.problem import MotionProblem
 from planners.trajectory import Trajectory
 
 Variant = Literal["optimal", "paper", "torque", "timing"]
-"""The algorithms: earliest meeting, as published, least torque, timing past discs."""
+"""Names of the algorithms: earliest meeting, as published, least torque, timing past discs."""
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:

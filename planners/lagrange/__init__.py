@@ -21,7 +21,7 @@ from planners.problem import MotionProblem
 from planners.trajectory import Trajectory
 
 Variant = Literal["optimal", "via", "paper"]
-"""The algorithms: least torque, past discs, as published."""
+"""Names of the algorithms: least torque, past discs, as published."""
 
 
 def plan(problem: MotionProblem, variant: Variant = "optimal", **options: Any) -> Trajectory:

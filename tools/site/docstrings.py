@@ -44,7 +44,8 @@ def _one_by_one(app: Sphinx, what: str, name: str, thing: object, options: objec
         "\n".join(lines),
         flags=re.MULTILINE,
     )
-    lines[:] = text.split("\n")
+    described = what in ("attribute", "data", "property")  # napoleon takes words before a colon there for a type
+    lines[:] = [""] * described + text.split("\n")
 
 
 def _as_code(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes.TextElement) -> nodes.Element | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -10,6 +12,10 @@ from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
 
 _log = logging.getLogger(__name__)
+_ACCENTED = re.compile(
+    r"\\(?:tilde|hat|bar|dot|ddot|vec)\s*(?:\{(?:[^{}]|\{[^{}]*\})*\}|\\[A-Za-z]+|(?<![A-Za-z])[A-Za-z])(?=\s*_)"
+)
+"""An accent and what it stands on, before an index: docutils puts the index below unless there is more in the group."""
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -32,7 +38,7 @@ def _block(self: HTML5Translator, node: nodes.math_block) -> None:
 
 def _mathml(node: nodes.Element, *, as_block: bool) -> str:
     """A formula as MathML; a warning, which ends the build, for LaTeX that cannot be turned into it."""
-    latex = node.astext()
+    latex = _ACCENTED.sub(r"{\g<0>{}}", node.astext())
     try:
         return str(tex2mathml(latex, as_block=as_block))
     except MathError as error:
