@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, InstanceOf, PlainSerializer
 
 import planners
 from planners import Arm
+from planners.robot.dynamics import mass_matrix_single
 from planners.robot.limits import LimitKind
 
 
@@ -51,8 +52,9 @@ def require_limits(arm: Arm, kinds: Sequence[LimitKind], env_id: str) -> None:
 
 def angular_acceleration(arm: Arm) -> float:
     """Acceleration that every joint can give alone to the outstretched arm, within its limits, rad/s^2; may be inf."""
-    inertia = np.diag(arm.mass_matrix(np.zeros(arm.n_joints)))
-    return float(np.minimum(arm.limits.array("torque") / inertia, arm.limits.array("acceleration")).min())
+    inertia = np.empty((arm.n_joints, arm.n_joints))
+    mass_matrix_single.py_func(arm.chain_constants[0], np.zeros(arm.n_joints), inertia)  # not worth compiling
+    return float(np.minimum(arm.limits.array("torque") / np.diag(inertia), arm.limits.array("acceleration")).min())
 
 
 def angular_speed(arm: Arm) -> float:

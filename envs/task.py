@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from threading import Lock
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import gymnasium as gym
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from envs.arms import require_links
 from envs.batch.batch import Batch
-from envs.batch.records import Fields, Records, public_view
+from envs.batch.records import Fields, Records, make_records, public_view
 from envs.batch.state import Episodes, State, checked_state
 from envs.batch.workers import exclusive, refuse_second
 from envs.card import Control, task_card
@@ -24,7 +25,9 @@ from envs.physics.actuation import (
     ControlMode,
     actuation_constants,
     actuation_env_fields,
+    arm_kernels,
 )
+from envs.physics.episode import EPISODE_FIELDS
 from envs.physics.rigid_bodies import arm_constants, arm_fields, model_record, whole_multiple
 from envs.rendering import Scene
 from envs.settings import Settings
@@ -32,6 +35,7 @@ from envs.task_settings import LimitSettings as LimitSettings
 from envs.task_settings import TaskSettings as TaskSettings
 from envs.task_settings import whole_periods as whole_periods
 from planners import Arm, MotionProblem
+from planners.compiled.calls import Kernel
 from planners.typing import Array
 
 Options = Mapping[str, Any]
@@ -70,6 +74,8 @@ class Task(ABC):
         env_fields: fields of an environment's record, besides what every task has.
         constants: what the kernels read from the model record, besides the numbers of the settings.
         table_shape: of a table of numbers per episode that `write_start` gives to `write_table`.
+        kernels: called with an environment's record and the model record, by the field of the model record with the
+            address; the name ends with ``_kernel``. None for one that these settings do not need.
     """
 
     env_id: ClassVar[str]
@@ -93,37 +99,45 @@ class Task(ABC):
         constants: Mapping[str, Any],
         *,
         table_shape: tuple[int, ...] = (),
+        kernels: Mapping[str, Kernel | None] = MappingProxyType({}),
     ) -> None:
         n, observed = arm.n_joints, self.layout.size
         self.config = config
         self.arm = arm
         self.horizon_steps = whole_periods(config, "horizon", config.horizon)
-        common: Fields = [
+        common: Fields = [*arm_fields(n), *actuation_env_fields(n), *EPISODE_FIELDS]
+        own: Fields = [
             ("action", "f8", (self.action_size(config, arm),)),
             ("seen", self.layout.record),
             ("observation", "f4", (observed,)),
             ("reward_terms", "f8", (len(self.reward_terms),)),
-            ("reward", "f8"),
-            ("terminated", "?"),
-            ("truncated", "?"),
-            ("success", "?"),
-            ("step", "i8"),
-            ("begun", "?"),
+            *env_fields,
         ]
-        fields = common + arm_fields(n) + actuation_env_fields(n) + env_fields
-        loaded = arm.with_payload(config.payload)
+        loaded, mode = arm.with_payload(config.payload), self.actuation_mode(config)
+        shared = {
+            "control_period": config.control_period,
+            **arm_constants(loaded, config.control_period, config.physics_step),
+            **actuation_constants(arm, mode),
+        }
+        used = {**arm_kernels(mode), **kernels}
         model = model_record(
             {
+                **shared,
                 "scales": self.layout.scales,
                 "bounds": self.layout.bounds,
                 "horizon_steps": self.horizon_steps,
                 **config.numbers(),
-                **arm_constants(loaded, config.control_period, config.physics_step),
-                **actuation_constants(arm, self.actuation_mode(config)),
+                **dict.fromkeys(used, 0),
                 **constants,
             }
         )
-        self._batch = Batch(self.kernels, loaded, num_envs, fields, model, table_shape)
+        self._batch = Batch(self.kernels, loaded, num_envs, [*common, *own], model, table_shape)
+        # Kernels of every task know the first fields only, and are the same for tasks with as many joints.
+        first = make_records(0, common).dtype, model_record(shared).dtype
+        for name, kernel in used.items():
+            if kernel is not None:
+                whole = self._batch.records.dtype, model.dtype
+                model[name] = kernel.address(*(whole if name in kernels else first))
         self._ready, self._in_use = False, Lock()
 
     @property

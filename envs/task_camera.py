@@ -33,7 +33,6 @@ class TaskCamera:
     def begin(self) -> None:
         """Begin a new trail."""
         self._trail.clear()
-        self.follow()
 
     def follow(self) -> None:
         """Add the current hand position to the trail."""

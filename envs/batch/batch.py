@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.batch.records import Fields, Records, make_records, public_bytes, public_view
+from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
 from envs.batch.workers import Workers
 from envs.physics.rigid_bodies import World, place_arm_of
@@ -38,14 +38,14 @@ class Batch:
     def __init__(
         self, kernels: Any, arm: Arm, count: int, fields: Fields, model: Records, table_shape: tuple[int, ...]
     ) -> None:
-        self.records = make_records(count, [*fields, ("table", "i8"), ("env_index", "i8")])
+        self.records = make_records(count, fields)
         self.records["env_index"] = np.arange(count)
         self.actions = self.records["action"]
         self.model = model
         self.world = World(arm, self.records)
         self.table_shape = table_shape
         self._kernels = kernels
-        self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, : public_bytes(self.records)]
+        self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, first_public_byte(self.records) :]
         self._view = public_view(self.records)
         self._tables = [b""] * count
         for env_index in range(count):

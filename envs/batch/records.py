@@ -11,25 +11,28 @@ Fields = list[tuple[Any, ...]]
 Records = NDArray[np.void]
 
 PRIVATE = ("space", "ground", "links", "joints", "extra_body", "table", "env_index")
-"""Fields with addresses, and the place in the batch. They come last in a record and are in no public view: a wrong
+"""Fields with addresses, and the place in the batch. They come first in a record and are in no public view: a wrong
 address would end the process."""
+
+KERNELS = "_kernel"
+"""How the names of the fields of a model record end that have addresses of compiled functions; not public either."""
 
 
 def make_records(count: int, fields: Fields) -> Records:
-    """An array of records, zeroed, whose fields with addresses come last."""
-    ordered = sorted(fields, key=lambda field: field[0] in PRIVATE)
+    """An array of records, zeroed, whose fields with addresses come first."""
+    ordered = sorted(fields, key=lambda field: field[0] not in PRIVATE)
     return np.zeros(count, np.dtype(ordered, align=True))
 
 
-def public_bytes(records: Records) -> int:
-    """How many bytes of a record come before its addresses."""
-    places = [place for name, (_, place, *_) in (records.dtype.fields or {}).items() if name in PRIVATE]
-    return min(places, default=records.itemsize)
+def first_public_byte(records: Records) -> int:
+    """How many bytes of a record its addresses take."""
+    return min(place for name, (_, place, *_) in (records.dtype.fields or {}).items() if name not in PRIVATE)
 
 
 def public_view(records: Records) -> Records:
     """The records without their addresses, as an array that cannot be written to or be made writeable."""
-    fields = {name: entry for name, entry in (records.dtype.fields or {}).items() if name not in PRIVATE}
+    every = (records.dtype.fields or {}).items()
+    fields = {name: entry for name, entry in every if name not in PRIVATE and not name.endswith(KERNELS)}
     layout: Any = {
         "names": list(fields),
         "formats": [entry[0] for entry in fields.values()],

@@ -9,7 +9,17 @@ from numba import njit
 
 from envs.physics import chipmunk
 from envs.physics.actuation import apply_action
-from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
+from envs.physics.episode import (
+    ADVANCE,
+    BEGIN,
+    begin_episode,
+    entry_points,
+    finish_observation,
+    limit_cost,
+    observe_joints,
+    sum_reward,
+)
+from planners.compiled.calls import inlined, private
 from planners.robot.kinematics import hand_state_single
 
 LINE_LENGTH = 0.5
@@ -35,66 +45,71 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 
 
 @njit(cache=True, nogil=True)
-def reset_env(batch: Any, model: Any, index: int) -> None:
-    """Begin an episode in an environment whose posture and part are set: bodies, counters, observation."""
-    env, shared = batch[index], model[0]
+def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
+    """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
+    shared = model[0]
+    for index in range(first, last):
+        env = batch[index]
+        if work == ADVANCE:
+            _advance(env, shared)
+        elif work == BEGIN:
+            _begin(env, shared)
+        else:
+            _place_part(env)
+        _observe(env, shared)
+
+
+reset_env, advance_batch, refresh_env = entry_points(run)
+
+
+@inlined
+def _begin(env: Any, shared: Any) -> None:
+    """Begin an episode whose posture and part are set: bodies, counters."""
     begin_episode(env, shared)
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
-    env.belt_start[:] = env.part_position
+    for axis in range(2):
+        env.belt_start[axis] = env.part_position[axis]
     _place_part(env)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
-    _observe(env, shared)
 
 
-@njit(cache=True, nogil=True)
-def refresh_env(batch: Any, model: Any, index: int) -> None:
-    """Let the part's body and the observation follow a record that was changed in the middle of an episode."""
-    env = batch[index]
-    _place_part(env)
-    _observe(env, model[0])
-
-
-@njit(cache=True, nogil=True)
+@private
 def _place_part(env: Any) -> None:
     """Place the part's body where the record has it."""
     chipmunk.body_set_position(env.extra_body, env.part_position[0], env.part_position[1])
 
 
-@njit(cache=True, nogil=True)
-def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
-    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
-    shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
-        # What the period is compared with.
-        progress_before = _progress(env, shared)
-        settled_before = env.settled_steps
-        cost_rate_before = _lq_cost_rate(env)
-        # Physics of arm and belt.
-        _set_belt_moving(env, shared)
-        worst_ratio = apply_action(env, shared, env.action)
-        _read_part(env, shared)
-        hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
-        _measure_errors(env)
-        env.step += 1
-        # Measures: J of eq 18 by the trapezoidal rule, settled periods, steady-state error.
-        env.lq_cost += 0.5 * shared.control_period * (cost_rate_before + _lq_cost_rate(env))
-        env.settled_steps = env.settled_steps + 1 if _error_in_tolerances(env, shared) <= 1.0 else 0
-        if env.step > shared.horizon_steps - shared.hold_steps:
-            env.steady_state_error = max(env.steady_state_error, env.error)
-        env.success = env.settled_steps >= shared.hold_steps
-        env.truncated = env.step >= shared.horizon_steps
-        # Reward and observation.
-        env.reward_terms[0] = _progress(env, shared) - progress_before
-        env.reward_terms[1] = (env.settled_steps - settled_before) / shared.horizon_steps
-        env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
-        sum_reward(env)
-        _observe(env, shared)
+@inlined
+def _advance(env: Any, shared: Any) -> None:
+    """Advance an environment by one control period under its ``action``."""
+    # What the period is compared with.
+    progress_before = _progress(env, shared)
+    settled_before = env.settled_steps
+    cost_rate_before = _lq_cost_rate(env)
+    # Physics of arm and belt.
+    _set_belt_moving(env, shared)
+    worst_ratio = apply_action(env, shared, env.action)
+    _read_part(env, shared)
+    hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+    _measure_errors(env)
+    env.step += 1
+    # Measures: J of eq 18 by the trapezoidal rule, settled periods, steady-state error.
+    env.lq_cost += 0.5 * shared.control_period * (cost_rate_before + _lq_cost_rate(env))
+    env.settled_steps = env.settled_steps + 1 if _error_in_tolerances(env, shared) <= 1.0 else 0
+    if env.step > shared.horizon_steps - shared.hold_steps:
+        env.steady_state_error = max(env.steady_state_error, env.error)
+    env.success = env.settled_steps >= shared.hold_steps
+    env.truncated = env.step >= shared.horizon_steps
+    # Reward and observation.
+    env.reward_terms[0] = _progress(env, shared) - progress_before
+    env.reward_terms[1] = (env.settled_steps - settled_before) / shared.horizon_steps
+    env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
+    sum_reward(env)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _set_belt_moving(env: Any, shared: Any) -> None:
     """Give the part the belt's velocity in the middle of the period: exact for a constant acceleration."""
     half = 0.5 * shared.control_period
@@ -105,7 +120,7 @@ def _set_belt_moving(env: Any, shared: Any) -> None:
     )
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _read_part(env: Any, shared: Any) -> None:
     """Read the part's position off its body, and integrate its velocity."""
     env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.extra_body)
@@ -113,7 +128,7 @@ def _read_part(env: Any, shared: Any) -> None:
         env.part_velocity[axis] += shared.control_period * env.part_acceleration[axis]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _measure_errors(env: Any) -> None:
     """Distance and relative velocity between part and hand."""
     dx, dy = env.part_position[0] - env.hand[0], env.part_position[1] - env.hand[1]
@@ -122,38 +137,37 @@ def _measure_errors(env: Any) -> None:
     env.velocity_error = math.sqrt(dvx * dvx + dvy * dvy)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _error_in_tolerances(env: Any, shared: Any) -> float:
     """The larger of position and velocity error, each in units of its tolerance: settled means at most 1."""
     return float(max(env.error / shared.position_tolerance, env.velocity_error / shared.velocity_tolerance))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _progress(env: Any, shared: Any) -> float:
     """0 where settled, -1 where the error is `MAX_ERROR` tolerances or more, and linear in its logarithm between."""
     error = min(MAX_ERROR, max(1.0, _error_in_tolerances(env, shared)))
     return -math.log(error) / math.log(MAX_ERROR)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _lq_cost_rate(env: Any) -> float:
     """Integrand of eq 18, with lengths in units of the paper's path."""
     squares = env.error * env.error + env.velocity_error * env.velocity_error
     return float(squares / (LINE_LENGTH * LINE_LENGTH))
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
-    seen.joint_position[:] = env.q
-    seen.joint_velocity[:] = env.qd
-    seen.joint_acceleration[:] = env.qdd
-    seen.hand[:] = env.hand - shared.base
-    seen.part[:] = env.part_position - shared.base
-    seen.part_error[:] = env.part_position - env.hand
-    seen.part_velocity[:] = env.part_velocity
-    seen.part_acceleration[:] = env.part_acceleration
+    observe_joints(env)
+    for axis in range(2):
+        seen.hand[axis] = env.hand[axis] - shared.base[axis]
+        seen.part[axis] = env.part_position[axis] - shared.base[axis]
+        seen.part_error[axis] = env.part_position[axis] - env.hand[axis]
+        seen.part_velocity[axis] = env.part_velocity[axis]
+        seen.part_acceleration[axis] = env.part_acceleration[axis]
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     seen.settled = env.settled_steps / shared.horizon_steps
     finish_observation(env, shared)

@@ -120,6 +120,14 @@ class Start(NamedTuple):
     waypoints: Waypoints | None
 
 
+def _gains(period: float, needed: bool) -> dict[str, Any]:
+    """What the controller in residual mode adds its torque with; zero where it is not ``needed``."""
+    if not needed:
+        return {"bandwidth": np.zeros(world.N_JOINTS), "damping": np.zeros(world.N_JOINTS)}
+    gains = make_controller("slotine-li", planar=True, period=period).settings
+    return {"bandwidth": gains.bandwidth, "damping": gains.bandwidth * gains.inertia}
+
+
 class ExcavatorPayload(Task):
     """Tracking with an unknown payload over a batch of environments; `ExcavatorPayloadEnv` documents it."""
 
@@ -148,11 +156,10 @@ class ExcavatorPayload(Task):
 
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
         steps = whole_periods(config, "horizon", config.horizon)
-        gains = make_controller("slotine-li", planar=True, period=config.control_period).settings
+        residual = config.control_mode == "residual"
         constants = {
-            "residual": config.control_mode == "residual",
-            "bandwidth": gains.bandwidth,
-            "damping": gains.bandwidth * gains.inertia,
+            "residual": residual,
+            **_gains(config.control_period, residual),
             "judged_after": steps // 3,
             "settling_steps": steps // 6,
             "step_reward": FULL_REWARD / steps,
@@ -161,7 +168,11 @@ class ExcavatorPayload(Task):
             **reference.dynamics_constants(),
         }
         fields = world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS
-        super().__init__(config, planar_arm(), num_envs, fields, constants)
+        own = {
+            "place_kernel": kernels.PLACE_LINKS,
+            "residual_kernel": kernels.ADD_TO_CONTROLLER if residual else None,
+        }
+        super().__init__(config, planar_arm(), num_envs, fields, constants, kernels=own)
         self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))

@@ -12,7 +12,8 @@ from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_m
 from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, place_links, tip_of
 from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
-from envs.physics.episode import clear_episode, finish_observation, sum_reward
+from envs.physics.episode import ADVANCE, BEGIN, clear_episode, entry_points, finish_observation, sum_reward
+from planners.compiled.calls import Kernel, call, inlined, private
 from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
 
@@ -32,6 +33,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
     ("drop_step", "i8"),
     ("noise_seed", "u8"),
     ("reference", "f8", (3, N_JOINTS)),
+    ("ahead", "f8", (3, N_JOINTS)),
     ("measured", "f8", (2, N_JOINTS)),
     ("error_integral", "f8", (N_JOINTS,)),
     ("held_action", "f8", (N_JOINTS,)),
@@ -51,76 +53,97 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 
 
 @njit(cache=True, nogil=True)
-def reset_env(batch: Any, model: Any, index: int) -> None:
-    """Begin an episode in one environment whose reference, payload and noise are already set.
-
-    The drives begin with the torque that holds the empty machine, which does not depend on the payload.
-    """
-    env, shared = batch[index], model[0]
-    env.q[:] = env.waypoints[0]
-    clear_episode(env)
-    _hold(env, env.pick_step == 0)
-    place_links(env, shared)
-    still = np.zeros(N_JOINTS)
-    torque_single(empty_machine(shared), np.zeros(10), env.q, still, still, still, env.tau)
-    env.drive_torque[:] = env.tau
-    for i in range(N_JOINTS):
-        env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
-    env.leg = 1
-    env.error_integral[:] = 0.0
-    env.judged_after = shared.judged_after
-    env.judged_steps = 0
-    env.tip_squares = env.tip_max = env.joint_squares = env.waypoint_error = env.torque_l1 = 0.0
-    _measure(env, shared)
-    _observe(env, shared)
-
-
-@njit(cache=True, nogil=True)
-def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
-    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
+def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
+    """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
+    change = 0.0
     for index in range(first, last):
         env = batch[index]
-        # Pick up or drop the payload.
-        if env.step == env.drop_step or (env.step == env.pick_step and env.step > 0):
-            _hold(env, env.step == env.pick_step)
-            change_load(env, shared)
-            env.judged_after = max(env.judged_after, env.step + shared.settling_steps)
-        # Physics under the torques of the action.
-        change = _command(env, shared)
-        advance_links(env, shared)
-        finish_period(env, shared)
-        env.step += 1
-        # Measures: torque, observed error integral, tip error.
-        for i in range(N_JOINTS):
-            env.torque_l1 += shared.control_period * abs(env.tau[i])
-            env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
+        if work == ADVANCE:
+            change = _advance(env, shared)
+        elif work == BEGIN:
+            _begin(env, shared)
         _measure(env, shared)
-        _judge(env)
-        # End of the episode, reward and observation.
-        env.terminated = _out_of_bounds(env)
-        env.truncated = env.step >= shared.horizon_steps and not env.terminated
-        env.success = env.truncated and _within(env, shared)
-        env.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, env.tip_error / shared.reward_distance))
-        env.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * change
-        env.reward_terms[2] = -shared.failure_penalty if env.terminated else 0.0
-        sum_reward(env)
+        if work == ADVANCE:
+            _score(env, shared, change)
         _observe(env, shared)
 
 
-@njit(cache=True, nogil=True)
+reset_env, advance_batch, _ = entry_points(run)
+
+
+@inlined
+def _begin(env: Any, shared: Any) -> None:
+    """Begin an episode in an environment whose reference, payload and noise are already set.
+
+    The drives begin with the torque that holds the empty machine, which does not depend on the payload.
+    """
+    for i in range(N_JOINTS):
+        env.q[i] = env.waypoints[0, i]
+    clear_episode(env)
+    _hold(env, env.pick_step == 0)
+    call(shared.place_kernel, env, shared)
+    q, still, tau = np.empty(N_JOINTS), np.zeros(N_JOINTS), np.empty(N_JOINTS)
+    for i in range(N_JOINTS):
+        q[i] = env.q[i]
+    torque_single(empty_machine(shared), np.zeros(10), q, still, still, still, tau)
+    for i in range(N_JOINTS):
+        env.tau[i] = tau[i]
+        env.drive_torque[i], env.error_integral[i] = env.tau[i], 0.0
+        env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
+    env.leg = 1
+    env.judged_after = shared.judged_after
+    env.judged_steps = 0
+    env.tip_squares = env.tip_max = env.joint_squares = env.waypoint_error = env.torque_l1 = 0.0
+
+
+@inlined
+def _advance(env: Any, shared: Any) -> float:
+    """Advance an environment by one control period under its ``action``; returns the square of the action's change."""
+    # Pick up or drop the payload.
+    if env.step == env.drop_step or (env.step == env.pick_step and env.step > 0):
+        _hold(env, env.step == env.pick_step)
+        change_load(env, shared)
+        env.judged_after = max(env.judged_after, env.step + shared.settling_steps)
+    # Physics under the torques of the action.
+    change = _command(env, shared)
+    advance_links(env, shared)
+    finish_period(env, shared)
+    env.step += 1
+    # Measures: torque, observed error integral.
+    for i in range(N_JOINTS):
+        env.torque_l1 += shared.control_period * abs(env.tau[i])
+        env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
+    return change
+
+
+@inlined
+def _score(env: Any, shared: Any, change: float) -> None:
+    """Judge the tip error, and write the end of the episode and the reward."""
+    _judge(env)
+    # End of the episode, and reward.
+    env.terminated = _out_of_bounds(env)
+    env.truncated = env.step >= shared.horizon_steps and not env.terminated
+    env.success = env.truncated and _within(env, shared)
+    env.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, env.tip_error / shared.reward_distance))
+    env.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * change
+    env.reward_terms[2] = -shared.failure_penalty if env.terminated else 0.0
+    sum_reward(env)
+
+
+@private
 def _hold(env: Any, loaded: bool) -> None:
     """Set the current load: the payload, or nothing."""
     env.load = env.payload if loaded else 0.0
     env.load_inertia = env.payload_inertia if loaded else 0.0
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _command(env: Any, shared: Any) -> float:
     """Turn the action into the torques of the next period; returns the square of its change."""
     command(env, shared, env.action)
     if shared.residual:
-        _add_to_controller(env, shared)
+        call(shared.residual_kernel, env, shared)
     change = 0.0
     for i in range(N_JOINTS):
         share = min(1.0, max(-1.0, env.action[i]))
@@ -129,17 +152,20 @@ def _command(env: Any, shared: Any) -> float:
     return change
 
 
-@njit(cache=True, nogil=True)
 def _add_to_controller(env: Any, shared: Any) -> None:
     """Write the controller's torques plus the action's, within the limits."""
-    _empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, env.tau)
+    tau = np.empty(N_JOINTS)
+    _empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, tau)
     for i in range(N_JOINTS):
         limit = shared.limits[0, i]
-        wanted = env.tau[i] + RESIDUAL_SHARE[i] * limit * min(1.0, max(-1.0, env.action[i]))
+        wanted = tau[i] + RESIDUAL_SHARE[i] * limit * min(1.0, max(-1.0, env.action[i]))
         env.tau[i] = min(limit, max(-limit, wanted))
 
 
-@njit(cache=True, nogil=True)
+PLACE_LINKS, ADD_TO_CONTROLLER = Kernel(place_links), Kernel(_add_to_controller)
+
+
+@inlined
 def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau: Array) -> None:
     """Slotine and Li's controller for the empty bucket, without adaptation, written to ``tau`` ``(n,)``, N m."""
     qd_r, qdd_r = np.empty(N_JOINTS), np.empty(N_JOINTS)
@@ -161,19 +187,19 @@ def add_noise(seed: int, step: int, deviations: Array, measured: Array) -> None:
         measured[1, i] += deviations[1] * velocity
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _measure(env: Any, shared: Any) -> None:
     """Update the reference, the noisy measurements of the joints, and the true tip error."""
-    reference_at(env, shared, env.step, env.reference)
-    env.measured[0] = env.q
-    env.measured[1] = env.qd
+    reference_at(env, shared, float(env.step), env.reference)
+    for i in range(N_JOINTS):
+        env.measured[0, i], env.measured[1, i] = env.q[i], env.qd[i]
     add_noise(env.noise_seed, env.step, shared.noise, env.measured)
-    tip_of(shared, env.q, env.tip)
-    tip_of(shared, env.reference[0], env.wanted_tip)
+    tip_of(shared, env.q[0], env.q[1], env.q[2], env.tip)
+    tip_of(shared, env.reference[0, 0], env.reference[0, 1], env.reference[0, 2], env.wanted_tip)
     env.tip_error = math.hypot(env.tip[0] - env.wanted_tip[0], env.tip[1] - env.wanted_tip[1])
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _judge(env: Any) -> None:
     """Add this step to the errors of the episode, unless the payload has changed too recently."""
     judged = env.step > env.judged_after
@@ -190,14 +216,14 @@ def _judge(env: Any) -> None:
         env.leg = min(env.leg + 1, env.n_waypoints - 1)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _within(env: Any, shared: Any) -> bool:
     """Whether the judged errors are within the tolerances."""
     squares = shared.rms_tolerance * shared.rms_tolerance * env.judged_steps
     return bool(env.judged_steps > 0 and env.tip_squares <= squares and env.tip_max <= shared.peak_tolerance)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _out_of_bounds(env: Any) -> bool:
     """Whether a joint is too fast or too far outside the range of the waypoints."""
     for i in range(N_JOINTS):
@@ -207,23 +233,24 @@ def _out_of_bounds(env: Any) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
-    seen.joint_position[:] = env.measured[0]
-    seen.joint_velocity[:] = env.measured[1]
-    seen.reference_error[:] = env.reference[0] - env.measured[0]
-    seen.reference_velocity[:] = env.reference[1]
-    seen.reference_acceleration[:] = env.reference[2]
-    ahead = np.empty((3, N_JOINTS))
+    ahead = env.ahead
     for k in range(len(LOOKAHEAD)):
         reference_at(env, shared, env.step + LOOKAHEAD[k] / shared.control_period, ahead)
-        seen.reference_ahead[k] = ahead[0] - env.reference[0]
-    seen.error_integral[:] = env.error_integral
+        for i in range(N_JOINTS):
+            seen.reference_ahead[k, i] = ahead[0, i] - env.reference[0, i]
     for i in range(N_JOINTS):
+        seen.joint_position[i] = env.measured[0, i]
+        seen.joint_velocity[i] = env.measured[1, i]
+        seen.reference_error[i] = env.reference[0, i] - env.measured[0, i]
+        seen.reference_velocity[i] = env.reference[1, i]
+        seen.reference_acceleration[i] = env.reference[2, i]
+        seen.error_integral[i] = env.error_integral[i]
         seen.last_torque[i] = env.tau[i] / shared.limits[0, i]
-    seen.waypoint[:] = env.waypoints[env.leg]
+        seen.waypoint[i] = env.waypoints[env.leg, i]
     seen.waypoint_time = max(0.0, (env.due[env.leg] - env.step) * shared.control_period)
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     finish_observation(env, shared)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from envs.batch.records import Records
 from envs.excavator_payload.world import N_JOINTS
+from planners.compiled.calls import inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.newton_euler import torque_single
@@ -150,21 +151,27 @@ def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
     env, shared = batch[index], model[0]
     waypoints, due = env.waypoints, env.due
     wanted = shared.horizon_steps + LOOKAHEAD[2] / shared.control_period
-    waypoints[0] = LOWEST + numbers[0, :N_JOINTS] * (HIGHEST - LOWEST)
+    for i in range(N_JOINTS):
+        waypoints[0, i] = LOWEST[i] + numbers[0, i] * (HIGHEST[i] - LOWEST[i])
     due[0] = 0
+    candidate = np.empty(N_JOINTS)
     row = count = 1
     while due[count - 1] < wanted and count < waypoints.shape[0]:
         before = waypoints[count - 1]
         steps = math.ceil(LEAST_TIME / shared.control_period - 1e-9)
-        waypoints[count] = before
+        for i in range(N_JOINTS):
+            waypoints[count, i] = before[i]
         while row < numbers.shape[0]:
-            candidate = LOWEST + numbers[row, :N_JOINTS] * (HIGHEST - LOWEST)
+            for i in range(N_JOINTS):
+                candidate[i] = LOWEST[i] + numbers[row, i] * (HIGHEST[i] - LOWEST[i])
             stretch = 1.0 + (LONGEST_STRETCH - 1.0) * numbers[row, N_JOINTS]
             row += 1
             drawn = math.ceil(stretch * least_duration(shared, before, candidate) / shared.control_period - 1e-9)
             torque, _ = segment_ratios(shared, before, candidate, drawn * shared.control_period)
             if torque <= TORQUE_SHARE:
-                waypoints[count], steps = candidate, drawn
+                for i in range(N_JOINTS):
+                    waypoints[count, i] = candidate[i]
+                steps = drawn
                 break
         due[count] = due[count - 1] + steps
         count += 1
@@ -180,7 +187,7 @@ def least_duration(model: Any, start: Array, end: Array) -> float:
     return time
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def empty_machine(model: Any) -> tuple[Array, Array, Array, Array]:
     """The dynamics of the empty machine, for `planners.excavator.newton_euler`."""
     return (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
@@ -190,19 +197,21 @@ def empty_machine(model: Any) -> tuple[Array, Array, Array, Array]:
 def segment_ratios(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
     """Worst torque over limit and worst speed over limit along a segment with the heaviest payload."""
     n = start.shape[0]
-    chain = empty_machine(model)
+    chain, load = empty_machine(model), np.empty(10)
+    for parameter in range(10):
+        load[parameter] = model.heaviest[parameter]
     motion, tau = np.empty((3, n)), np.empty(n)
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):
         segment_motion(start, end, sample / _SAMPLES, duration, motion)
-        torque_single(chain, model.heaviest, motion[0], motion[1], motion[1], motion[2], tau)
+        torque_single(chain, load, motion[0], motion[1], motion[1], motion[2], tau)
         for i in range(n):
             torque = max(torque, abs(tau[i]) / model.limits[0, i])
             speed = max(speed, abs(motion[1, i]) / model.limits[1, i])
     return torque, speed
 
 
-@njit(cache=True, nogil=True)
+@private
 def reference_at(env: Any, model: Any, step: float, motion: Array) -> None:
     """Reference after ``step`` control periods, written to ``motion`` ``(3, n)``: angle, velocity, acceleration."""
     due, leg, last = env.due, 1, env.n_waypoints - 1
@@ -213,7 +222,7 @@ def reference_at(env: Any, model: Any, step: float, motion: Array) -> None:
     segment_motion(env.waypoints[leg - 1], env.waypoints[leg], share, steps * model.control_period, motion)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def segment_motion(start: Array, end: Array, share: float, duration: float, motion: Array) -> None:
     """The quintic from rest to rest at a ``share`` of its duration, written to ``motion``."""
     s = share

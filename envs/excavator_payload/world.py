@@ -10,10 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from envs.physics import chipmunk
 from envs.physics.rigid_bodies import read_joint_state, remove_joints, renew_joint, step_physics
+from planners.compiled.calls import inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
 
@@ -49,7 +49,6 @@ def machine_constants(physics_step: float, lag: float) -> dict[str, Any]:
     }
 
 
-@njit(cache=True, nogil=True)
 def place_links(env: Any, model: Any) -> None:
     """Place the bodies of an environment, payload included, at ``env.q`` and ``env.qd``, with fresh joints."""
     n = env.q.shape[0]
@@ -83,7 +82,7 @@ def place_links(env: Any, model: Any) -> None:
         renew_joint(env, model, i, model.lengths[i - 1] if i > 0 else 0.0, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def change_load(env: Any, model: Any) -> None:
     """Change the load of the moving bucket to ``env.load`` and ``env.load_inertia``."""
     bucket = env.links[env.q.shape[0] - 1]
@@ -100,7 +99,7 @@ def change_load(env: Any, model: Any) -> None:
     chipmunk.body_set_velocity(bucket, vx - w * across, vy + w * along)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _fill_bucket(env: Any, model: Any) -> None:
     """Give the last body the mass properties of bucket and load together."""
     last = env.q.shape[0] - 1
@@ -118,7 +117,7 @@ def _fill_bucket(env: Any, model: Any) -> None:
     chipmunk.body_set_center_of_gravity(env.links[last], env.bucket_com[0], env.bucket_com[1])
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def advance_links(env: Any, model: Any) -> None:
     """Advance one environment by one control period under the commanded torques ``env.tau``; updates q and qd.
 
@@ -139,17 +138,15 @@ def advance_links(env: Any, model: Any) -> None:
     read_joint_state(env, model)
 
 
-@njit(cache=True, nogil=True)
-def tip_of(model: Any, q: Any, tip: Any) -> None:
-    """Position of the tip of the tool at joint angles ``q``, written to ``tip`` ``(2,)``, m."""
-    n = q.shape[0]
-    phi = 0.0
-    x, y = model.base[0], model.base[1]
-    for i in range(n - 1):
-        phi += q[i]
-        x += model.lengths[i] * math.cos(phi)
-        y += model.lengths[i] * math.sin(phi)
-    phi += q[n - 1]
+@private
+def tip_of(model: Any, boom: float, arm: float, bucket: float, tip: Any) -> None:
+    """Position of the tip of the tool at angles of the joints, written to ``tip`` ``(2,)``, m."""
+    phi = boom
+    x, y = model.base[0] + model.lengths[0] * math.cos(phi), model.base[1] + model.lengths[0] * math.sin(phi)
+    phi += arm
+    x += model.lengths[1] * math.cos(phi)
+    y += model.lengths[1] * math.sin(phi)
+    phi += bucket
     cos_phi, sin_phi = math.cos(phi), math.sin(phi)
     tip[0] = x + model.tip_place[0] * cos_phi - model.tip_place[1] * sin_phi
     tip[1] = y + model.tip_place[0] * sin_phi + model.tip_place[1] * cos_phi

@@ -144,7 +144,8 @@ class MinTorqueMove(Task):
             "position_gain": gains.position,
             "velocity_gain": gains.velocity,
         }
-        super().__init__(config, arm, num_envs, kernels.env_fields(arm.n_joints), constants)
+        own = {"motion_kernel": kernels.FOLLOW_MOTION if config.control_mode == "motion" else None}
+        super().__init__(config, arm, num_envs, kernels.env_fields(arm.n_joints), constants, kernels=own)
 
     @classmethod
     def fit(cls, config: MinTorqueMoveConfig) -> MinTorqueMoveConfig:

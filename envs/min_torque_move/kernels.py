@@ -9,11 +9,20 @@ import numpy as np
 from numba import njit
 
 from envs.physics.actuation import apply_action
-from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward
+from envs.physics.episode import (
+    ADVANCE,
+    BEGIN,
+    begin_episode,
+    entry_points,
+    finish_observation,
+    limit_cost,
+    observe_joints,
+    sum_reward,
+)
+from planners.compiled.calls import Kernel, call, inlined, private
 from planners.control import held_torque_single
 from planners.motion.time_laws import SHAPES, rest_curve_single
 from planners.quintic import quintic_effort
-from planners.typing import Array
 
 MAX_MISS = 1000.0
 """Error at the end, in tolerances, from which on the cost of a miss is constant."""
@@ -40,51 +49,63 @@ def env_fields(n_joints: int) -> list[tuple[Any, ...]]:
 
 
 @njit(cache=True, nogil=True)
-def reset_env(batch: Any, model: Any, index: int) -> None:
-    """Begin an episode in one environment whose posture, goal and duration are already set."""
-    env, shared = batch[index], model[0]
+def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
+    """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
+    shared = model[0]
+    for index in range(first, last):
+        env = batch[index]
+        if work == ADVANCE:
+            _advance(env, shared)
+        elif work == BEGIN:
+            _begin(env, shared)
+        _observe(env, shared)
+
+
+reset_env, advance_batch, _ = entry_points(run)
+
+
+@inlined
+def _begin(env: Any, shared: Any) -> None:
+    """Begin an episode in an environment whose posture, goal and duration are already set."""
     begin_episode(env, shared)
-    env.start[:] = env.q
+    for i in range(env.q.shape[0]):
+        env.start[i] = env.q[i]
     env.torque_l1 = env.torque_l2 = 0.0
     duration = env.duration_steps * shared.control_period
     env.quintic_l1 = quintic_effort(shared.coupling, shared.weight, env.q, env.goal, duration, env.quintic_peak)
     _measure_errors(env)
-    _observe(env, shared)
 
 
-@njit(cache=True, nogil=True)
-def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
-    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
-    shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
-        # Physics under the torques of the action, or of the motion it has chosen.
-        if shared.whole_motion:
-            worst_ratio = apply_action(env, shared, _follow_motion(env, shared))
-        else:
-            worst_ratio = apply_action(env, shared, env.action)
-        env.step += 1
-        # Measures: PI1 and PI2, the integrals of the absolute and squared torques.
-        spent = 0.0
-        for torque in env.tau:
-            spent += abs(torque) * shared.control_period
-            env.torque_l2 += torque * torque * shared.control_period
-        env.torque_l1 += spent
-        _measure_errors(env)
-        env.terminated = env.step >= env.duration_steps
-        miss = max(env.angle_error / shared.angle_tolerance, env.velocity_error / shared.velocity_tolerance)
-        env.success = env.terminated and miss <= 1.0
-        # Reward and observation.
-        env.reward_terms[0] = -spent / env.quintic_l1
-        env.reward_terms[1] = 0.0 - shared.miss_penalty * _miss_cost(miss) if env.terminated else 0.0
-        env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
-        sum_reward(env)
-        _observe(env, shared)
+@inlined
+def _advance(env: Any, shared: Any) -> None:
+    """Advance an environment by one control period under its ``action``."""
+    # Physics under the torques of the action, or of the motion it has chosen.
+    if shared.whole_motion:
+        call(shared.motion_kernel, env, shared)
+    else:
+        for i in range(env.q.shape[0]):
+            env.share[i] = env.action[i]
+    worst_ratio = apply_action(env, shared, env.share)
+    env.step += 1
+    # Measures: PI1 and PI2, the integrals of the absolute and squared torques.
+    spent = 0.0
+    for i in range(env.q.shape[0]):
+        spent += abs(env.tau[i]) * shared.control_period
+        env.torque_l2 += env.tau[i] * env.tau[i] * shared.control_period
+    env.torque_l1 += spent
+    _measure_errors(env)
+    env.terminated = env.step >= env.duration_steps
+    miss = max(env.angle_error / shared.angle_tolerance, env.velocity_error / shared.velocity_tolerance)
+    env.success = env.terminated and miss <= 1.0
+    # Reward and observation.
+    env.reward_terms[0] = -spent / env.quintic_l1
+    env.reward_terms[1] = 0.0 - shared.miss_penalty * _miss_cost(miss) if env.terminated else 0.0
+    env.reward_terms[2] = shared.limit_penalty * limit_cost(worst_ratio, shared.limit_tolerance)
+    sum_reward(env)
 
 
-@njit(cache=True, nogil=True)
-def _follow_motion(env: Any, shared: Any) -> Array:
-    """Shares of the torque limits that track the motion chosen by the first action of the episode."""
+def _follow_motion(env: Any, shared: Any) -> None:
+    """Write the shares of the torque limits that track the motion chosen by the first action of the episode."""
     n, period = env.q.shape[0], shared.control_period
     # The first action holds the coefficients.
     if env.step == 0:
@@ -101,17 +122,20 @@ def _follow_motion(env: Any, shared: Any) -> Array:
         feedback = shared.position_gain * (q[i] - env.q[i]) + shared.velocity_gain * (qd[i] - env.qd[i])
         qdd[i] = (qd_ahead[i] - qd[i]) / period + feedback
     held_torque_single(shared.coupling, shared.weight, env.q, env.qd, qdd, period, torque)
-    share: Array = torque / shared.limits[0]
-    return share
+    for i in range(n):
+        env.share[i] = torque[i] / shared.limits[0, i]
 
 
-@njit(cache=True, nogil=True)
+FOLLOW_MOTION = Kernel(_follow_motion)
+
+
+@inlined
 def _miss_cost(miss: float) -> float:
     """0 within tolerance, 1 just outside, 2 at `MAX_MISS` tolerances, linear in the logarithm between."""
     return 0.0 if miss <= 1.0 else 1.0 + math.log(min(miss, MAX_MISS)) / math.log(MAX_MISS)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _measure_errors(env: Any) -> None:
     """Largest errors of any joint."""
     env.angle_error = env.velocity_error = 0.0
@@ -120,15 +144,13 @@ def _measure_errors(env: Any) -> None:
         env.velocity_error = max(env.velocity_error, abs(env.qd[i]))
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
-    seen.joint_position[:] = env.q
-    seen.joint_velocity[:] = env.qd
-    seen.joint_acceleration[:] = env.qdd
-    seen.goal[:] = env.goal
+    observe_joints(env)
     for i in range(env.q.shape[0]):
+        seen.goal[i] = env.goal[i]
         seen.goal_error[i] = env.goal[i] - env.q[i]
         seen.torque_limit[i] = shared.limits[0, i]
     seen.time_left = (env.duration_steps - env.step) * shared.control_period

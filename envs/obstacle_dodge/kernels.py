@@ -9,8 +9,19 @@ import numpy as np
 from numba import njit
 
 from envs.physics.actuation import command, finish_period
-from envs.physics.episode import begin_episode, finish_observation, limit_cost, sum_reward, table_of
+from envs.physics.episode import (
+    ADVANCE,
+    BEGIN,
+    begin_episode,
+    entry_points,
+    finish_observation,
+    limit_cost,
+    observe_joints,
+    sum_reward,
+    table_of,
+)
 from envs.physics.rigid_bodies import read_joint_state, step_physics
+from planners.compiled.calls import inlined, private
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
@@ -35,49 +46,59 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
 
 
 @njit(cache=True, nogil=True)
-def reset_env(batch: Any, model: Any, index: int) -> None:
-    """Begin an episode in one environment whose posture, goal and paths are already set."""
-    env, shared = batch[index], model[0]
+def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
+    """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
+    shared = model[0]
+    for index in range(first, last):
+        env = batch[index]
+        if work == ADVANCE:
+            _advance(env, shared)
+        elif work == BEGIN:
+            _begin(env, shared)
+        _observe(env, shared)
+
+
+reset_env, advance_batch, refresh_env = entry_points(run)
+
+
+@inlined
+def _begin(env: Any, shared: Any) -> None:
+    """Begin an episode in an environment whose posture, goal and paths are already set."""
     begin_episode(env, shared)
     env.held_steps = 0
     env.collision = False
     move_discs(env, shared, 0.0)
-    env.disc_velocities_before[:] = env.disc_velocities
+    _keep_disc_velocities(env)
     env.clearance = env.min_clearance = measure_clearance(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     env.distance = _goal_distance(env)
     env.start_distance = max(env.distance, shared.tolerance)
-    _observe(env, shared)
 
 
-@njit(cache=True, nogil=True)
-def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
-    """Advance environments ``first`` to ``last - 1`` by one control period under their ``action``."""
-    shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
-        # Physics of the arm among the moving discs.
-        command(env, shared, env.action)
-        env.disc_velocities_before[:] = env.disc_velocities
-        closest = _move_among_discs(env, shared)
-        worst_ratio = finish_period(env, shared)
-        env.step += 1
-        # Measures: clearance, distance to the goal, periods at the goal.
-        env.min_clearance = min(env.min_clearance, closest)
-        distance_before = env.distance
-        hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
-        env.distance = _goal_distance(env)
-        env.held_steps = env.held_steps + 1 if env.distance <= shared.tolerance else 0
-        # End of the episode, reward and observation.
-        env.collision = closest < 0.0
-        env.success = not env.collision and env.held_steps >= shared.hold_steps
-        env.terminated = env.collision or env.success
-        env.truncated = not env.terminated and env.step >= shared.horizon_steps
-        _score(env, shared, distance_before, closest, worst_ratio)
-        _observe(env, shared)
+@inlined
+def _advance(env: Any, shared: Any) -> None:
+    """Advance an environment by one control period under its ``action``."""
+    # Physics of the arm among the moving discs.
+    command(env, shared, env.action)
+    _keep_disc_velocities(env)
+    closest = _move_among_discs(env, shared)
+    worst_ratio = finish_period(env, shared)
+    env.step += 1
+    # Measures: clearance, distance to the goal, periods at the goal.
+    env.min_clearance = min(env.min_clearance, closest)
+    distance_before = env.distance
+    hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+    env.distance = _goal_distance(env)
+    env.held_steps = env.held_steps + 1 if env.distance <= shared.tolerance else 0
+    # End of the episode, reward and observation.
+    env.collision = closest < 0.0
+    env.success = not env.collision and env.held_steps >= shared.hold_steps
+    env.terminated = env.collision or env.success
+    env.truncated = not env.terminated and env.step >= shared.horizon_steps
+    _score(env, shared, distance_before, closest, worst_ratio)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _move_among_discs(env: Any, shared: Any) -> float:
     """The physics of one period; the least clearance after any of its steps, m."""
     closest = np.inf
@@ -90,7 +111,7 @@ def _move_among_discs(env: Any, shared: Any) -> float:
     return closest
 
 
-@njit(cache=True, nogil=True)
+@private
 def move_discs(env: Any, shared: Any, t: float) -> None:
     """Move the discs of an environment along their paths to time ``t``, s; velocities are backward differences."""
     path, path_step = table_of(env, (shared.path_samples, env.radii.shape[0], 2)), shared.path_step
@@ -106,23 +127,30 @@ def move_discs(env: Any, shared: Any, t: float) -> None:
             env.disc_velocities[disc, axis] = (after - before) / path_step
 
 
-@njit(cache=True, nogil=True)
+@private
+def _keep_disc_velocities(env: Any) -> None:
+    for disc in range(env.radii.shape[0]):
+        for axis in range(2):
+            env.disc_velocities_before[disc, axis] = env.disc_velocities[disc, axis]
+
+
+@private
 def measure_clearance(env: Any, shared: Any) -> float:
     """Distance between the surfaces of the arm and of the nearest disc, m."""
     nearest = np.inf
     for disc in range(env.radii.shape[0]):
-        x, y = env.discs[disc]
+        x, y = env.discs[disc, 0], env.discs[disc, 1]
         gap = clearance_single(shared.lengths, shared.base, shared.link_radius, env.q, x, y, env.radii[disc])
         nearest = min(nearest, gap)
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@private
 def _goal_distance(env: Any) -> float:
     return math.hypot(env.goal[0] - env.hand[0], env.goal[1] - env.hand[1])
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_ratio: float) -> None:
     """Write the terms of the reward, in the task's order, and their sum."""
     too_close = min(1.0, max(0.0, 1.0 - closest / shared.clearance_margin))
@@ -135,19 +163,11 @@ def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_
     sum_reward(env)
 
 
-@njit(cache=True, nogil=True)
-def refresh_env(batch: Any, model: Any, index: int) -> None:
-    """Let the observation follow a record that was changed in the middle of an episode."""
-    _observe(batch[index], model[0])
-
-
-@njit(cache=True, nogil=True)
+@inlined
 def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
-    seen.joint_position[:] = env.q
-    seen.joint_velocity[:] = env.qd
-    seen.joint_acceleration[:] = env.qdd
+    observe_joints(env)
     for axis in range(2):
         seen.hand[axis] = env.hand[axis] - shared.base[axis]
         seen.goal[axis] = env.goal[axis] - shared.base[axis]
@@ -165,7 +185,7 @@ def _observe(env: Any, shared: Any) -> None:
     finish_observation(env, shared)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _observe_postures(env: Any, shared: Any) -> None:
     """Write the joint errors to both postures with the hand at the goal."""
     x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
@@ -175,12 +195,12 @@ def _observe_postures(env: Any, shared: Any) -> None:
         env.seen.posture_error[branch, 1] = turned_towards(q2, shared.angle_middle[1]) - env.q[1]
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _observe_from_links(env: Any, shared: Any, disc: int) -> None:
     """Write position, velocity, acceleration and clearance of a disc in the frames of the links."""
     seen = env.seen
     x, y = env.discs[disc, 0] - shared.base[0], env.discs[disc, 1] - shared.base[1]
-    vx, vy = env.disc_velocities[disc]
+    vx, vy = env.disc_velocities[disc, 0], env.disc_velocities[disc, 1]
     ax = (vx - env.disc_velocities_before[disc, 0]) / shared.control_period
     ay = (vy - env.disc_velocities_before[disc, 1]) / shared.control_period
     angle = 0.0

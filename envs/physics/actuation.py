@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 
-from envs.physics.rigid_bodies import advance
+from envs.physics.rigid_bodies import advance, place_arm
+from planners.compiled.calls import Kernel, call, call_real, inlined
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
     TORQUE_SHARE,
@@ -28,13 +28,13 @@ from planners.typing import Array
 
 ControlMode = Literal["torque", "acceleration", "jerk", "velocity"]
 CONTROL_MODES: tuple[ControlMode, ...] = ("torque", "acceleration", "jerk", "velocity")
-_TORQUE, _ACCELERATION, _JERK = 0, 1, 2  # positions in CONTROL_MODES
 _PROJECTIONS = 60
 
 
 def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
     """Fields of an environment's record: commands and effects of the last period, and the worst ratios so far."""
     return [
+        ("share", "f8", (n_joints,)),
         ("tau", "f8", (n_joints,)),
         ("qdd", "f8", (n_joints,)),
         ("commanded_qdd", "f8", (n_joints,)),
@@ -58,7 +58,6 @@ def actuation_constants(arm: Arm, control_mode: ControlMode) -> dict[str, Any]:
         )
     coupling, weight = arm.chain_constants
     return {
-        "control_mode": CONTROL_MODES.index(control_mode),
         "coupling": coupling,
         "weight": weight,
         "limits": [arm.limits.array(kind) for kind in LIMIT_KINDS],
@@ -71,7 +70,7 @@ def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
     return arm.limits.array(control_mode)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def apply_action(env: Any, model: Any, action: Array) -> float:
     """Advance one environment by one control period under an action in [-1, 1] (clipped), ``(n,)``.
 
@@ -83,43 +82,36 @@ def apply_action(env: Any, model: Any, action: Array) -> float:
     return finish_period(env, model)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def command(env: Any, model: Any, action: Array) -> None:
     """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``env.tau`` of the next period."""
-    n = env.q.shape[0]
-    share = np.empty(n)
-    for i in range(n):
-        share[i] = min(1.0, max(-1.0, action[i]))
-    if model.control_mode == _TORQUE:
-        for i in range(n):
-            env.tau[i] = share[i] * model.limits[0, i]
-    elif model.control_mode == _ACCELERATION:
-        for i in range(n):
-            env.commanded_qdd[i] = share[i] * model.limits[2, i]
-        held_torque_single(
-            model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, model.control_period, env.tau
-        )
-    elif model.control_mode == _JERK:
-        command_smoothly(env, model, share)
-    else:
-        command_velocity(env, model, share)
-    for i in range(n):
+    for i in range(env.q.shape[0]):
+        env.share[i] = min(1.0, max(-1.0, action[i]))
+        env.qd_before[i], env.qdd_before[i] = env.qd[i], env.qdd[i]
+    call(model.command_kernel, env, model)
+    for i in range(env.q.shape[0]):
         env.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], env.tau[i]))
-    env.qd_before[:] = env.qd
-    env.qdd_before[:] = env.qdd
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def finish_period(env: Any, model: Any) -> float:
     """Update mean accelerations, peak torque and limit ratios after the physics; returns the period's worst ratio."""
+    worst: float = call_real(model.finish_kernel, env, model)
+    return worst
+
+
+def _command_torque(env: Any, model: Any) -> None:
     for i in range(env.q.shape[0]):
-        env.qdd[i] = (env.qd[i] - env.qd_before[i]) / model.control_period
-        env.peak_torque = max(env.peak_torque, abs(env.tau[i]))
-    return watch_limits(env, model)
+        env.tau[i] = env.share[i] * model.limits[0, i]
 
 
-@njit(cache=True, nogil=True)
-def command_smoothly(env: Any, model: Any, share: Array) -> None:
+def _command_acceleration(env: Any, model: Any) -> None:
+    for i in range(env.q.shape[0]):
+        env.commanded_qdd[i] = env.share[i] * model.limits[2, i]
+    held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, model.control_period, env.tau)
+
+
+def _command_jerk(env: Any, model: Any) -> None:
     """Integrate a joint jerk (shares of the limits) into the commanded accelerations, and find their torques.
 
     The accelerations stay within the bounds that keep every smoothness limit. Where they need too much torque, they are
@@ -132,7 +124,7 @@ def command_smoothly(env: Any, model: Any, share: Array) -> None:
         lower[i], upper[i] = smooth_bounds(
             env.qd[i], env.commanded_qdd[i], period, model.limits[1, i], model.limits[2, i], model.limits[3, i]
         )
-        wanted = env.commanded_qdd[i] + share[i] * model.limits[3, i] * period
+        wanted = env.commanded_qdd[i] + env.share[i] * model.limits[3, i] * period
         env.commanded_qdd[i] = min(upper[i], max(lower[i], wanted))
     mass = np.empty((n, n))
     mass_matrix_single(model.coupling, env.q, mass)
@@ -144,8 +136,7 @@ def command_smoothly(env: Any, model: Any, share: Array) -> None:
         project_off_limit(mass[worst], excess, lower, upper, env.commanded_qdd)
 
 
-@njit(cache=True, nogil=True)
-def command_velocity(env: Any, model: Any, share: Array) -> None:
+def _command_velocity(env: Any, model: Any) -> None:
     """Find the torques that bring the joints to velocities (shares of the limits) by the end of the period.
 
     The acceleration and torque limits hold, so the velocity may not be reached. A joint brakes before the end of its
@@ -158,14 +149,13 @@ def command_velocity(env: Any, model: Any, share: Array) -> None:
         slowest, fastest = stoppable_velocities(
             env.q[i] - model.angle_middle[i], speed, model.limits[4, i], 0.5 * hardest, period
         )
-        wanted = min(fastest, max(slowest, share[i] * top))
+        wanted = min(fastest, max(slowest, env.share[i] * top))
         env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
     state = model.coupling, model.weight, env.q, env.qd, period, model.limits[0]
     scale_into_torque(*state, TORQUE_SHARE, 1, env.commanded_qdd, env.tau)
 
 
-@njit(cache=True, nogil=True)
-def watch_limits(env: Any, model: Any) -> float:
+def _finish_period(env: Any, model: Any) -> float:
     """Compare the period's values with the limits; keeps the episode's worst ratios, returns the period's worst.
 
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration. An angle
@@ -173,6 +163,8 @@ def watch_limits(env: Any, model: Any) -> float:
     """
     worst = 0.0
     for i in range(env.q.shape[0]):
+        env.qdd[i] = (env.qd[i] - env.qd_before[i]) / model.control_period
+        env.peak_torque = max(env.peak_torque, abs(env.tau[i]))
         jerk = (env.qdd[i] - env.qdd_before[i]) / model.control_period
         values = env.tau[i], env.qd[i], env.qdd[i], jerk, env.q[i] - model.angle_middle[i]
         for kind in range(len(LIMIT_KINDS)):
@@ -180,3 +172,17 @@ def watch_limits(env: Any, model: Any) -> float:
             worst = max(worst, ratio)
             env.limit_ratios[kind] = max(env.limit_ratios[kind], ratio)
     return worst
+
+
+_COMMANDS = {
+    "torque": Kernel(_command_torque),
+    "acceleration": Kernel(_command_acceleration),
+    "jerk": Kernel(_command_jerk),
+    "velocity": Kernel(_command_velocity),
+}
+_FINISH, _PLACE = Kernel(_finish_period), Kernel(place_arm.py_func)
+
+
+def arm_kernels(control_mode: ControlMode) -> dict[str, Kernel]:
+    """The kernels with which an arm is placed and moved, by the field of the model record that has the address."""
+    return {"command_kernel": _COMMANDS[control_mode], "finish_kernel": _FINISH, "place_kernel": _PLACE}

@@ -1,45 +1,80 @@
-"""Compiled steps that every task's kernels share: beginning an episode, and finishing an observation."""
+"""What the episodes of every task share: fields of a record, how one begins, reward and observation."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from numba import njit
-
 from envs.physics.chipmunk import array_at
-from envs.physics.rigid_bodies import place_arm
+from planners.compiled.calls import call, inlined
 from planners.typing import Array
 
+EPISODE_FIELDS: list[tuple[Any, ...]] = [
+    ("reward", "f8"),
+    ("terminated", "?"),
+    ("truncated", "?"),
+    ("success", "?"),
+    ("step", "i8"),
+    ("begun", "?"),
+    ("table", "i8"),
+    ("env_index", "i8"),
+]
+"""Fields of an environment's record."""
 
-@njit(cache=True, nogil=True)
+ADVANCE, BEGIN, REFRESH = range(3)
+"""What a kernel of `entry_points` does with the environments it is given."""
+
+
+def entry_points(kernel: Callable[..., None]) -> tuple[Callable[..., None], Callable[..., None], Callable[..., None]]:
+    """``reset_env``, ``advance_batch`` and ``refresh_env`` of a task, all by one function, which is compiled once.
+
+    Args:
+        kernel: compiled, ``kernel(batch, model, first, last, work)``: advances environments ``first`` to ``last - 1``
+            by one control period (`ADVANCE`), begins their episodes (`BEGIN`), or lets their bodies and observations
+            follow what was written into their records (`REFRESH`).
+    """
+
+    def reset_env(batch: Any, model: Any, index: int) -> None:
+        kernel(batch, model, index, index + 1, BEGIN)
+
+    def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
+        kernel(batch, model, first, last, ADVANCE)
+
+    def refresh_env(batch: Any, model: Any, index: int) -> None:
+        kernel(batch, model, index, index + 1, REFRESH)
+
+    return reset_env, advance_batch, refresh_env
+
+
+@inlined
 def begin_episode(env: Any, shared: Any) -> None:
     """Place the arm at rest at ``env.q``, with all counters cleared."""
     clear_episode(env)
-    place_arm(env, shared)
+    call(shared.place_kernel, env, shared)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def clear_episode(env: Any) -> None:
     """Clear the counters of the last episode; the joints are at rest."""
-    env.qd[:] = 0.0
-    env.qdd[:] = 0.0
-    env.tau[:] = 0.0
-    env.commanded_qdd[:] = 0.0
-    env.limit_ratios[:] = 0.0
-    env.reward_terms[:] = 0.0
+    for i in range(env.q.shape[0]):
+        env.qd[i] = env.qdd[i] = env.tau[i] = env.commanded_qdd[i] = 0.0
+    for kind in range(env.limit_ratios.shape[0]):
+        env.limit_ratios[kind] = 0.0
+    for term in range(env.reward_terms.shape[0]):
+        env.reward_terms[term] = 0.0
     env.reward = 0.0
     env.peak_torque = 0.0
     env.terminated = env.truncated = env.success = False
     env.step = 0
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def table_of(env: Any, shape: Any) -> Array:
     """The table of an environment's episode (`Task.write_table`), with the shape that the task has declared."""
     return array_at(env.table, shape)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def sum_reward(env: Any) -> None:
     """Write the reward, the sum of its terms."""
     total = 0.0
@@ -48,13 +83,23 @@ def sum_reward(env: Any) -> None:
     env.reward = total
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def limit_cost(ratio: float, tolerance: float) -> float:
     """0 where the limits are kept, -1 to -2 where one is broken by more than the tolerance."""
     return 0.0 if ratio <= 1.0 + tolerance else -1.0 - min(1.0, ratio - 1.0)
 
 
-@njit(cache=True, nogil=True)
+@inlined
+def observe_joints(env: Any) -> None:
+    """Write positions, velocities and accelerations of the joints into the observation."""
+    seen = env.seen
+    for i in range(env.q.shape[0]):
+        seen.joint_position[i] = env.q[i]
+        seen.joint_velocity[i] = env.qd[i]
+        seen.joint_acceleration[i] = env.qdd[i]
+
+
+@inlined
 def finish_observation(env: Any, shared: Any) -> None:
     """Scale and clip the physical values ``env.seen`` into ``env.observation``."""
     seen = env.seen.flat

@@ -20,6 +20,7 @@ from numba import njit
 
 from envs.batch.records import Records
 from envs.physics import chipmunk, snapshot
+from planners.compiled.calls import inlined
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -206,18 +207,18 @@ def place_arm_of(batch: Any, model: Any, index: int) -> None:
     place_arm(batch[index], model[0])
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def remove_joints(env: Any) -> None:
     """Remove the joints of one environment from its space.
 
     All are removed before the first is added again: Chipmunk fills a gap with the last joint, and the order of the
     joints changes the result.
     """
-    for joint in env.joints:
-        chipmunk.space_remove_constraint(env.space, joint)
+    for i in range(env.joints.shape[0]):
+        chipmunk.space_remove_constraint(env.space, env.joints[i])
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def renew_joint(env: Any, model: Any, i: int, outer_end: float, inner_end: float) -> None:
     """Initialise joint ``i`` of one environment again and add it to the space.
 
@@ -235,7 +236,7 @@ def renew_joint(env: Any, model: Any, i: int, outer_end: float, inner_end: float
     chipmunk.space_add_constraint(env.space, joint)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def advance(env: Any, model: Any, tau: Array) -> None:
     """Advance an environment by one control period under constant joint torques ``tau``, ``(n,)`` N m."""
     for _ in range(model.substeps):
@@ -243,7 +244,7 @@ def advance(env: Any, model: Any, tau: Array) -> None:
     read_joint_state(env, model)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def step_physics(env: Any, model: Any, tau: Array) -> None:
     """Advance the bodies of one environment by one physics step under joint torques ``tau``, ``(n,)`` N m."""
     n = env.q.shape[0]
@@ -254,7 +255,7 @@ def step_physics(env: Any, model: Any, tau: Array) -> None:
     chipmunk.space_step(env.space, model.physics_step)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def read_joint_state(env: Any, model: Any) -> None:
     """Read q and qd of one environment off its bodies."""
     lag = model.position_lag

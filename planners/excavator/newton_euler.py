@@ -27,8 +27,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from planners.compiled.calls import private
 from planners.robot.dynamics import solve_mass_matrix
 from planners.typing import Array
 
@@ -36,7 +36,7 @@ Vector = tuple[float, float, float]
 Chain = tuple[Array, Array, Array, Array]
 
 
-@njit(cache=True, nogil=True)
+@private
 def torque_single(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, tau: Array) -> None:
     """Joint torques (N m) of one row, written to ``tau``: see the module."""
     n = q.shape[0]
@@ -52,7 +52,7 @@ def torque_single(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, q
         tau[i] += drives[i, 0] * qdd_r[i] + drives[i, 1] * qd_r[i]
 
 
-@njit(cache=True, nogil=True)
+@private
 def regressor_single(
     chain: Chain, basis: Array, q: Array, qd: Array, qd_r: Array, qdd_r: Array, columns: Array
 ) -> None:
@@ -71,7 +71,7 @@ def regressor_single(
             columns[i, k] = tau[i]
 
 
-@njit(cache=True, nogil=True)
+@private
 def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
     """Mass matrix of one row, drives included, kg m^2, written to ``m`` ``(n, n)``.
 
@@ -96,7 +96,7 @@ def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
         m[j, j] += drives[j, 0]
 
 
-@njit(cache=True, nogil=True)
+@private
 def acceleration_single(chain: Chain, load: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
     """Joint accelerations (rad/s^2) of one row under torques ``tau``, written to ``qdd``."""
     n = q.shape[0]
@@ -108,13 +108,13 @@ def acceleration_single(chain: Chain, load: Array, q: Array, qd: Array, tau: Arr
     solve_mass_matrix(m, qdd)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _turn(q: Array, turns: Array) -> None:
     for i in range(q.shape[0]):
         turns[i, 0], turns[i, 1] = math.sin(q[i]), math.cos(q[i])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _move(frames: Array, gravity: Array, turns: Array, qd: Array, qd_r: Array, qdd_r: Array, motion: Array) -> None:
     """Velocities and reference accelerations of every link, from the base outwards."""
     rest = (0.0, 0.0, 0.0)
@@ -138,7 +138,7 @@ def _move(frames: Array, gravity: Array, turns: Array, qd: Array, qd_r: Array, q
             motion[i, 4, k], motion[i, 5, k] = alpha[k], a[k]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _add_wrench(body: Array, motion: Array, wrench: Array) -> None:
     """Add moment and force of a body in a link's motion ``(6, 3)`` to ``wrench`` ``(6,)``."""
     w, v, w_r, v_r = _vector(motion[0]), _vector(motion[1]), _vector(motion[2]), _vector(motion[3])
@@ -154,7 +154,7 @@ def _add_wrench(body: Array, motion: Array, wrench: Array) -> None:
         wrench[3 + k] += force[k] + 0.5 * pushing[k]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _project(frames: Array, turns: Array, wrench: Array, tau: Array) -> None:
     """Joint torques of the links' wrenches ``(n, 6)``, from the tip inwards."""
     moment, force = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -166,7 +166,7 @@ def _project(frames: Array, turns: Array, wrench: Array, tau: Array) -> None:
         moment, force = _outwards(frames[i], turns[i], moment), _outwards(frames[i], turns[i], force)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _momentum(body: Array, w: Vector, v: Vector) -> tuple[Vector, Vector]:
     """Angular momentum about the frame's origin and linear momentum at angular velocity ``w`` and velocity ``v``."""
     h = (body[1], body[2], body[3])
@@ -178,19 +178,19 @@ def _momentum(body: Array, w: Vector, v: Vector) -> tuple[Vector, Vector]:
     return _sum(turning, _cross(h, v)), _sum(_scale(body[0], v), _cross(w, h))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _axis(frame: Array) -> Vector:
     """Axis of a link's joint, in the link's frame."""
     return (0.0, frame[2], frame[3])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _arm(frame: Array) -> Vector:
     """From a link's joint to the origin of its frame, in that frame."""
     return (frame[0], frame[1] * frame[2], frame[1] * frame[3])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _inwards(frame: Array, turn: Array, u: Vector) -> Vector:
     """A vector of the frame before, in the frame of a link."""
     sin_twist, cos_twist = frame[2], frame[3]
@@ -198,7 +198,7 @@ def _inwards(frame: Array, turn: Array, u: Vector) -> Vector:
     return (along, cos_twist * across + sin_twist * u[2], cos_twist * u[2] - sin_twist * across)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _outwards(frame: Array, turn: Array, u: Vector) -> Vector:
     """A vector of the frame of a link, in the frame before."""
     sin_twist, cos_twist = frame[2], frame[3]
@@ -207,21 +207,21 @@ def _outwards(frame: Array, turn: Array, u: Vector) -> Vector:
     return (turn[1] * u[0] - turn[0] * across, turn[0] * u[0] + turn[1] * across, height)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _vector(array: Array) -> Vector:
     return (array[0], array[1], array[2])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _sum(u: Vector, v: Vector) -> Vector:
     return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _scale(factor: float, u: Vector) -> Vector:
     return (factor * u[0], factor * u[1], factor * u[2])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _cross(u: Vector, v: Vector) -> Vector:
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])

@@ -1,0 +1,91 @@
+"""Calls of compiled functions by their address.
+
+Numba copies a function into every compiled function that calls it, and LLVM optimises and translates each copy. A
+`Kernel` is compiled once for each kind of arguments. Its callers get its address as a number, which costs one indirect
+call, and do not depend on its code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numba import from_dtype, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_njit: Any = njit  # whose types do not know every option
+
+
+def inlined(function: Function) -> Function:
+    """Compile a function as a part of each caller, not on its own: for what is called in one or two places."""
+    compiled: Function = _njit(cache=True, nogil=True, inline="always")(function)
+    return compiled
+
+
+def private(function: Function) -> Function:
+    """Compile a function for compiled callers only, in half the time; called from Python it would crash."""
+    compiled: Function = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return compiled
+
+
+class Kernel:
+    """A function that is compiled on its own, and called by compiled code through its address.
+
+    It cannot be called from Python.
+
+    Args:
+        function: what is compiled, for every combination of types of which an address is asked.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._compiled: Any = private(function)
+
+    def address(self, *arguments: Any) -> int:
+        """The address, to call with such arguments: Numba types, or the dtype of a record.
+
+        The function is compiled, or loaded from the cache, when its address is first asked.
+        """
+        kinds: Any = tuple(from_dtype(one) if isinstance(one, np.dtype) else one for one in arguments)
+        self._compiled.compile(kinds)
+        overload = self._compiled.overloads[kinds]
+        return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
+
+
+def caller(result: Any) -> Any:
+    """A function of compiled code, ``call(address, *arguments)``, that calls a `Kernel` which returns that Numba type.
+
+    The arguments must have the types of which the address was asked. Instead of a record it may be one that begins with
+    the same fields; an array that is a field of a record is like any other that is contiguous.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        given = signature.args[1].types
+        pointer = context.call_conv.get_function_type(result, given).as_pointer()
+        status, returned = context.call_conv.call_function(
+            builder,
+            builder.inttoptr(values[0], pointer),
+            result,
+            given,
+            cgutils.unpack_tuple(builder, values[1]),  # type: ignore[no-untyped-call]
+        )
+        with cgutils.if_unlikely(builder, status.is_error):  # type: ignore[no-untyped-call]
+            context.call_conv.return_status_propagate(builder, status)
+        return returned
+
+    @intrinsic
+    def call(typing_context: Any, address: Any, *arguments: Any) -> Any:
+        plain = [types.unliteral(one) for one in arguments]  # type: ignore[no-untyped-call]
+        return result(types.intp, types.StarArgTuple.from_types(plain)), build  # type: ignore[no-untyped-call]
+
+    return call
+
+
+call: Any = caller(types.void)
+"""Calls a kernel that returns nothing."""
+
+call_real: Any = caller(types.float64)
+"""Calls a kernel that returns a float."""
