@@ -20,7 +20,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 MARKERS = {
     "rl": ("stable_baselines3", 'pip install "planarm[rl]"'),
     "moviepy": ("moviepy", "pip install moviepy"),
-    "docs": ("myst_nb", 'pip install "planarm[docs,rl,viz]"'),
     "browser": ("playwright", 'pip install "planarm[web]" playwright, and Chromium'),
 }
 """The module that tests with a marker need, and how to get it."""

@@ -31,6 +31,7 @@ def test_the_page_of_an_environment_is_what_its_docstring_card_and_leaderboard_s
 
 
 def build(pages: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    pytest.importorskip("myst_nb", reason='needs pip install "planarm[docs,rl,viz]"')
     command = [sys.executable, "-m", "tools.site", "--pages", str(pages), "--out", str(out)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
 
