@@ -37,6 +37,7 @@ COMMANDS = {
     "dataset": Command("agents.datasets.command", "DatasetOptions", "record episodes as a Minari dataset"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, SAC or TD3, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
+    "submit": Command("agents.submissions.command", "SubmitOptions", "an agent of your own for the leaderboard"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),
     "paper-lagrange": Command("agents.papers.lagrange", "ReportOptions", "the minimal-torque paper's results"),
     "paper-apf": Command("agents.papers.apf.command", "ReportOptions", "the potential-field paper's results"),
@@ -58,8 +59,8 @@ Simulated planar robot arms, with classical planners and trained agents for the 
   planarm COMMAND --help                             options of a command
   planarm --version                                  the version
 
-Exit codes: 0 done; 1 an output could not be written or printed whole, or there is nothing to show; 2 something given \
-is unknown or impossible; 130 ended by Ctrl-C, 143 by SIGTERM."""
+Exit codes: 0 done; 1 an output could not be written or printed whole, there is nothing to show, or a submission is \
+refused; 2 something given is unknown or impossible; 130 ended by Ctrl-C, 143 by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -42,6 +42,7 @@ class Benchmark:
             and those that are the user's own.
         allow_code: whether models of Stable-Baselines3 may be loaded.
         given: policies that are no names or paths, by the names that ``config`` has for them.
+        seeds: of the episodes of tasks, by title, in place of the seeds that follow from ``config``.
         board: the results.
     """
 
@@ -49,6 +50,7 @@ class Benchmark:
     compared: tuple[str, ...] | None = None
     allow_code: bool = False
     given: Mapping[str, AnyPolicy] = field(default_factory=dict)
+    seeds: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     board: Scoreboard = field(default_factory=Scoreboard)
     _named: dict[tuple[str, ...], list[NamedPolicy]] = field(default_factory=dict)
 
@@ -203,7 +205,7 @@ class Benchmark:
         return values
 
     def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
-        return self.config.seed + np.arange(self._episodes(task))
+        return self.seeds.get(task.title, self.config.seed + np.arange(self._episodes(task)))
 
     def _episodes(self, task: BenchmarkTask) -> int:
         return task.episodes or self.config.episodes

@@ -118,8 +118,8 @@ class Agent:
             raise ValueError(
                 f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
             )
-        if self.normalized:  # in float64, as VecNormalize does
-            mean, std, clip = (self.tensors[name] for name in _NORMAL)
+        if self._normal:
+            mean, std, clip = self._normal
             batch = np.clip((batch - mean) / std, -clip, clip).astype(np.float32)
         n = self.tensors[f"layer{len(self.document['hidden'])}.bias"].size
         outputs = self._network.run(np.ascontiguousarray(batch))
@@ -172,6 +172,11 @@ class Agent:
         with closing(gym.make(self.env_id, **self.env_config)) as env:
             task: Task = env.unwrapped.task  # type: ignore[attr-defined]
             return task
+
+    @cached_property
+    def _normal(self) -> tuple[NDArray[np.float64], ...]:
+        """Mean, standard deviation and clip of the observations, in float64 as VecNormalize has them; or nothing."""
+        return tuple(self.tensors[name].astype(np.float64) for name in _NORMAL) if self.normalized else ()
 
     @cached_property
     def _network(self) -> Network:

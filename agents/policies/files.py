@@ -112,7 +112,8 @@ def check_agent(agent: Agent) -> Agent:
     if "log_std" in agent.tensors and (np.abs(agent.tensors["log_std"]) > _MOST_LOG_STD).any():
         raise ValueError(f"log_std of an agent must lie within {_MOST_LOG_STD} of 0")
     for name, (least, most) in _NORMAL_RANGES.items() if agent.normalized else ():
-        if not ((agent.tensors[name] >= least) & (agent.tensors[name] <= most)).all():
+        values = agent.tensors[name].astype(np.float64)
+        if not ((values >= least) & (values <= most)).all():
             raise ValueError(f"{name} of an agent must lie from {least:g} to {most:g}")
     return agent
 

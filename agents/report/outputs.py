@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -49,7 +50,7 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
     """
     started, board = datetime.now(UTC), benchmark.board
     tables = _Tables(outputs)
-    code = _run_with_bar(benchmark, tables, record=outputs.json is not None or outputs.report is not None)
+    code = run_with_bar(benchmark, tables.show, record=outputs.json is not None or outputs.report is not None)
     if code:
         note("interrupted: this is all that was finished", "yellow")
     for result in board.results:
@@ -94,8 +95,11 @@ class _Tables:
                 raise
 
 
-def _run_with_bar(benchmark: Benchmark, tables: _Tables, *, record: bool) -> int:
-    """Run a benchmark until all is done, or Ctrl-C or SIGTERM stops it; the exit code."""
+def run_with_bar(benchmark: Benchmark, show: Callable[[TaskResult], object], *, record: bool) -> int:
+    """Run a benchmark until all is done, or Ctrl-C or SIGTERM stops it; the exit code.
+
+    ``show`` is called with the results of each task when it is finished.
+    """
     with (
         suppress(KeyboardInterrupt),
         catch_interrupt(at_once=True) as interrupts,
@@ -115,7 +119,7 @@ def _run_with_bar(benchmark: Benchmark, tables: _Tables, *, record: bool) -> int
 
         def print_tables(result: TaskResult) -> None:
             bar.stop()  # it would take the tables for lines of its own, on stderr
-            tables.show(result)
+            show(result)
             bar.start()
 
         benchmark.check()

@@ -31,7 +31,7 @@ class Fuzz:
     """of the processor, shared equally by all kinds of file"""
     seed: int = 0
     kind: str | None = None
-    """only this one: arm, experiment, benchmark, changes, agent, trajectory, run or checkpoint"""
+    """only this one: arm, experiment, benchmark, changes, agent, submission, trajectory, run or checkpoint"""
     only: int | None = None
     """only the file of this number, with the traceback"""
 

@@ -21,8 +21,10 @@ from safetensors.numpy import save
 import envs
 from agents.environments import check_names, task_type
 from agents.evaluation.benchmark_config import BenchmarkConfig
-from agents.policies.agent import FORMAT
+from agents.policies.agent import FORMAT, NORMALIZED
 from agents.policies.files import describe_layout, layout_of, load_agent
+from agents.submissions.card import Claims, read_card, write_claims
+from agents.submissions.folder import read_submission
 from agents.training.learning_curves import read_curve
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import assigned, load_config
@@ -136,6 +138,11 @@ class AgentFiles(Reader):
         """The header, the tensors, the JSON or the bytes are changed; mostly with the right hash."""
         document, tensors = _agent()
         kind = random.randrange(5)
+        if random.random() < 0.5:
+            size = tensors["layer0.weight"].shape[1] - 2
+            normal = {"mean": np.zeros(size), "std": np.ones(size), "clip": np.array([10.0])}
+            document = {**document, "format": FORMAT + NORMALIZED}
+            tensors = {**tensors, **{f"normal.{name}": value for name, value in normal.items()}}
         if kind == 0:
             tensors = {name: _tensor(value, random) for name, value in tensors.items()}
         content = save(tensors)
@@ -158,6 +165,29 @@ class AgentFiles(Reader):
         """Load it, and act once."""
         agent = load_agent(folder)
         return agent.predict(np.zeros((3, agent.observation_size), np.float32))
+
+
+class SubmissionFolder(Reader):
+    """The card of a submission, beside an agent."""
+
+    def write(self, folder: Path, random: Random) -> None:
+        """The card is changed, in YAML or in JSON."""
+        document, tensors = _agent()
+        content = save(tensors)
+        text = json.dumps({**document, "sha256": hashlib.sha256(content).hexdigest()})
+        (folder / "agent.safetensors").write_bytes(content)
+        (folder / "agent.json").write_text(text)
+        card = json.dumps(changed(_CARD, random)).encode() if random.random() < 0.3 else yaml_bytes(_CARD, random)
+        (folder / random.choice(("card.yaml", "card.yaml", "card.json"))).write_bytes(card)
+
+    def read(self, folder: Path) -> object:
+        """Read it, and put claims into the card of one that is a submission."""
+        submission = read_submission(folder)
+        path = next(folder.glob("card.*"))
+        write_claims(path, Claims.parse(_CARD["claims"], "claims"))
+        card = read_card(path)
+        assert card == submission.card.model_copy(update={"claims": card.claims})
+        return card
 
 
 class TrajectoryFile(Reader):
@@ -289,12 +319,35 @@ def _agent() -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
     return {**document, "activation": "tanh", "hidden": [5]}, tensors
 
 
+_CARD: dict[str, Any] = {
+    "format": 1,
+    "name": "mine",
+    "authors": ["Ada Lovelace"],
+    "tasks": [ENV, f"{ENV}/paper"],
+    "settings": {"control_mode": "torque"},
+    "training": "PPO, then by hand",
+    "steps": 400_000,
+    "seconds": 310.5,
+    "licence": "CC-BY-4.0",
+    "link": "https://example.org/mine",
+    "claims": {
+        "platform": {"system": "Linux", "numpy": "2.4.6"},
+        "tasks": {
+            ENV: {
+                **{"episodes": 128, "success": 127, "steps": 19200, "returns": 1.25, "metric": "settling_time"},
+                **{"median": 1.1, "digest": "0123456789abcdef" * 4},
+            }
+        },
+    },
+}
+
 READERS: dict[str, Reader] = {
     "arm": ArmFile(),
     "experiment": Experiment(),
     "benchmark": BenchmarkFile(),
     "changes": Changes(),
     "agent": AgentFiles(),
+    "submission": SubmissionFolder(),
     "trajectory": TrajectoryFile(),
     "run": RunFolder(),
     **({"checkpoint": Checkpoint()} if find_spec("torch") else {}),
