@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.pages import ROOT, pages
-from tools.pictures import LONG, PICTURES, PicturesOptions, listed, main, table
+from tools.site.pictures import LONG, PICTURES, PicturesOptions, listed, main, table
 
 STORED = sorted((ROOT / "docs" / "pictures").iterdir())
 
@@ -27,7 +27,7 @@ def test_every_command_draws_a_stored_picture() -> None:
 
 
 def test_the_page_of_pictures_has_the_table() -> None:
-    assert table() in (ROOT / "docs" / "pictures.md").read_text(), "run python -m tools.pictures --table"
+    assert table() in (ROOT / "docs" / "pictures.md").read_text(), "run python -m tools.site.pictures --table"
 
 
 def test_an_unknown_picture_is_refused() -> None:

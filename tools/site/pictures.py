@@ -1,6 +1,6 @@
-"""The pictures of the site with the commands that draw them; ``python -m tools.pictures`` draws what needs no training.
+"""The pictures of the site with the commands that draw them; ``python -m tools.site.pictures`` draws them.
 
-``python -m tools.pictures paths_conveyor_track.png`` draws one of them; ``--table`` prints the table of
+``python -m tools.site.pictures paths_conveyor_track.png`` draws one of them; ``--table`` prints the table of
 docs/pictures.md.
 """
 
