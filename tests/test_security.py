@@ -17,6 +17,7 @@ import yaml
 from agents import load_agent
 from agents.commands.evaluate import EvaluateOptions
 from agents.policies import files
+from agents.submissions import folder
 from planners import documents
 from planners.trajectory import files as trajectories
 
@@ -31,6 +32,8 @@ SOURCE = [path for floor in ("planners", "envs", "agents", "tools", "planarm") f
     [
         f"{files.MOST_BYTES >> 20} MiB of weights",
         f"{files.MOST_JSON_BYTES >> 10} KiB of JSON",
+        f"{folder.MOST_WEIGHT_BYTES >> 20} MiB of weights in a submission, {folder.MOST_JSON_BYTES >> 10} KiB of JSON, "
+        f"{folder.MOST_LAYERS} layers",
         f"{documents.MOST_BYTES >> 10} KiB, {documents.DEEPEST} levels, integers of {documents.MOST_BITS} bits",
         f"{trajectories.MOST_BYTES >> 20} MiB of arrays",
     ],

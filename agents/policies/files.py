@@ -84,12 +84,13 @@ def load_agent(source: str | Path) -> Agent:
     return agent
 
 
-def save_agent(agent: Agent, path: Path) -> None:
+def save_agent(agent: Agent, path: str | Path) -> None:
     """Write an agent's weights to ``path`` (.safetensors) and its JSON beside it.
 
     An agent that is there already can be loaded at any moment, until the new one can: the JSON holds that of the
     replaced weights too until they are replaced.
     """
+    path = Path(path)
     content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
     beside = path.with_suffix(".json")
     document = {**agent.document, "env_config": portable(agent.env_config), "sha256": _hash(content)}

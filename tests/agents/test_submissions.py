@@ -23,8 +23,11 @@ import agents
 from agents import Agent, load_agent, save_agent
 from agents.cli import main
 from agents.submissions import sealed
-from agents.submissions.card import read_card
+from agents.submissions.card import Card, Claim, read_card
+from agents.submissions.claims import ROUNDING, claim_of
+from agents.submissions.folder import MOST_JSON_BYTES, MOST_LAYERS, MOST_WEIGHT_BYTES
 from agents.submissions.sealed import SealedList, published
+from envs.settings import Settings
 from tools.seal.__main__ import SealOptions
 from tools.seal.__main__ import main as seal
 
@@ -385,3 +388,36 @@ def test_a_list_is_sealed_for_this_release() -> None:
 def test_submissions_in_the_repository_score_what_they_claim(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["submit", "check", str(folder), "--against", "random"]) == 0
     assert "episodes of each task" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("env_id", ["MinTorqueMove-v0", "ExcavatorPayload-v0"])
+def test_the_last_bit_of_observations_changes_less_than_another_platform_may(env_id: str) -> None:
+    agent, generator = load_agent(env_id), np.random.default_rng(1)
+
+    class Rounded:
+        def predict(self, observation: Any, **more: Any) -> Any:
+            moved = observation * (1.0 + 2.0**-24 * generator.integers(-1, 2, observation.shape))
+            return agent.predict(moved.astype(np.float32), **more)
+
+    settings = agent.action_config
+    exact, rounded = (
+        claim_of(agents.evaluate(each, env_id, range(12), env_config=settings)) for each in (agent, Rounded())
+    )
+    assert exact.digest != rounded.digest
+    assert (exact.success, exact.steps) == (rounded.success, rounded.steps)
+    assert rounded.returns == pytest.approx(exact.returns, rel=ROUNDING)
+    assert rounded.median == pytest.approx(exact.median, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("kind", [Card, Claim])
+def test_the_page_describes_every_entry_of_a_card(kind: type[Settings]) -> None:
+    assert kind.table() in (ROOT / "docs" / "benchmark" / "submit.md").read_text()
+
+
+def test_the_page_says_the_limits() -> None:
+    page = (ROOT / "docs" / "benchmark" / "submit.md").read_text()
+    for limit in (
+        f"| {MOST_WEIGHT_BYTES >> 20} MiB |",
+        f"| {MOST_JSON_BYTES >> 10} KiB, {MOST_LAYERS} hidden layers |",
+    ):
+        assert limit in page
