@@ -35,6 +35,7 @@ COMMANDS = {
     "plan": Command("agents.commands.plan", "PlanOptions", "plan one motion of an arm, without any environment"),
     "list": Command("agents.commands.listing", "ListOptions", "environments, experts, planners, recipes, agents, arms"),
     "dataset": Command("agents.datasets.command", "DatasetOptions", "record episodes as a Minari dataset"),
+    "warmup": Command("agents.commands.warmup", "WarmupOptions", "compile ahead of the first run, on two processors"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, SAC or TD3, or continue a run"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "submit": Command("agents.submissions.command", "SubmitOptions", "an agent of your own for the leaderboard"),

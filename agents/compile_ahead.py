@@ -152,9 +152,10 @@ class CompileAhead:
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """How many processors this process may use; one if ``PLANARM_PROCESSES`` is 1, which keeps it to itself."""
     affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    alone = os.environ.get("PLANARM_PROCESSES") == "1"
+    return 1 if alone else len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def serve() -> None:

@@ -135,8 +135,8 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
 
     That is a KeyboardInterrupt. The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C,
     with the exit code 143 instead of 130. An interrupt that meets Numba's conversion of results, which cannot bear an
-    exception, waits for the end of the call; one that comes out of compiled code as a SystemError is a
-    KeyboardInterrupt here too.
+    exception, waits for the end of the call; one that comes out of compiled code as a SystemError, or out of the
+    compiler as a RuntimeError, is a KeyboardInterrupt here too.
     """
     caught: list[int] = []
 
@@ -148,8 +148,8 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
-    except SystemError as error:
-        if was_interrupted(error):
+    except (SystemError, RuntimeError) as error:
+        if was_interrupted(error) or (caught and at_once):
             raise KeyboardInterrupt from None
         raise
     finally:

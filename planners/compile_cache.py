@@ -85,6 +85,13 @@ if SourceLocator not in _caching.CacheImpl._locator_classes:
     _caching.CacheImpl._locator_classes.insert(0, SourceLocator)
 
 
+def cache_place() -> str:
+    """Where this package's compiled functions are kept, in words."""
+    folder = Path(_cache_folder(__file__, _caching.config.CACHE_DIR))
+    beside = folder == Path(__file__).parent / "__pycache__"
+    return f"kept in __pycache__ beside the source in {_ROOT}" if beside else f"kept in {folder.parent}"
+
+
 _temporary: list[Path] = []
 
 

@@ -17,6 +17,8 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH")])
 )
 
+os.environ["PLANARM_PROCESSES"] = "1"  # pytest -n uses the processors itself
+
 MARKERS = {
     "rl": ("stable_baselines3", 'pip install "planarm[rl]"'),
     "moviepy": ("moviepy", "pip install moviepy"),

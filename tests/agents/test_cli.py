@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -252,6 +253,18 @@ def test_ctrl_c_in_compiled_code_is_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> N
         in_compiled_code(None)
     with pytest.raises(SystemError, match="another"), catch_interrupt(at_once=True):
         raise SystemError("another")
+
+
+def test_ctrl_c_that_the_compiler_turns_into_an_error_is_ctrl_c() -> None:
+    def in_the_compiler() -> None:
+        with contextlib.suppress(KeyboardInterrupt):  # in a callback from C
+            signal.raise_signal(signal.SIGINT)
+        raise RuntimeError("no compiled object yet")
+
+    with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
+        in_the_compiler()
+    with pytest.raises(RuntimeError, match="another"), catch_interrupt(at_once=True):
+        raise RuntimeError("another")
 
 
 def test_ctrl_c_is_answered_within_a_second(tmp_path: Path) -> None:

@@ -14,7 +14,10 @@ import numba
 import pytest
 
 from agents import compile_ahead
+from agents.cli import main
 from agents.compile_ahead import CompileAhead, Job
+from agents.evaluation import benchmark
+from agents.evaluation.benchmark_config import configure
 
 MODULE = """
 import pathlib, time
@@ -143,3 +146,38 @@ with CompileAhead([Job("first", compile_one), Job("second", compile_one, "{modul
             os.kill(process.pid, signal.SIGKILL)
         process.wait()
     wait_for(lambda: not is_running(second))
+
+
+def test_warmup_compiles_what_the_policies_of_an_environment_need(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran: list[str] = []
+    monkeypatch.setattr(benchmark, "evaluate", lambda policy, env_id, *rest, **more: ran.append(more["name"]))
+    assert main(["warmup", "ExcavatorPayload-v0"]) == 0
+    assert ran == ["agent", "adaptive", "integral_computed_torque", "computed_torque", "random"]
+    assert capsys.readouterr().out.startswith("everything is compiled already, kept in ")
+    monkeypatch.setattr(benchmark, "evaluate", lambda *rest, **more: compile_one())
+    assert main(["warmup", "ExcavatorPayload-v0"]) == 0
+    assert capsys.readouterr().out.startswith("compiled 5 functions, kept in ")
+    monkeypatch.setattr(benchmark, "evaluate", lambda *rest, **more: signal.raise_signal(signal.SIGINT))
+    assert main(["warmup", "ExcavatorPayload-v0"]) == 130
+    assert capsys.readouterr().out.startswith("interrupted: ")
+
+
+def test_a_job_of_the_benchmark_is_the_same_in_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[tuple[object, ...]] = []
+
+    def recording(policy: object, env_id: str, seeds: object, **settings: object) -> None:
+        ran.append((settings["name"], env_id, list(seeds), settings["env_config"], settings["options"]))  # type: ignore[call-overload]
+
+    monkeypatch.setattr(benchmark, "evaluate", recording)
+    config = configure("benchmark", {}, ["ConveyorTrack-v0/paper", "ExcavatorPayload-v0"], full=False)
+    jobs = [job for job in benchmark.Benchmark(config).jobs(lambda ended: None) if "_best_known" not in str(job.run)]
+    for job in jobs:
+        job.run()
+    here = ran[:]
+    ran.clear()
+    for job in jobs:
+        assert job.text is not None
+        benchmark.run_job(job.text.partition(" ")[2])
+    assert ran == here

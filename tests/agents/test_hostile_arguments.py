@@ -61,6 +61,7 @@ REFUSED = [
     ("benchmark --policies", "policies"),
     ("benchmark --policies dpct dpct", "is given 2 times"),
     ("benchmark --config nope.yaml", "no such file"),
+    ("warmup X", 'unknown task "X"'),
     (f"rollout {ENV} --seed 99999999999999999999", "seed 99999999999999999999"),
     (f"rollout {ENV} --policy model.zip", "no file model.zip"),
     (f"rollout {ENV} --render --record x.gif", "--render shows and --record writes"),
