@@ -11,6 +11,7 @@ import pytest
 
 import agents
 from agents import Agent, export_agent, load_agent, save_agent
+from agents.cli import main
 from agents.policies.agent import FORMAT, NORMALIZED, SQUASHED_FORMAT
 from agents.policies.sb3 import load_model
 
@@ -76,6 +77,20 @@ def test_a_zip_is_exported_with_the_settings_that_are_given(algorithm: str, tmp_
     exported = export_agent(load_model(tmp_path / "model.zip", allow_code=True), ENV, env_config=SETTINGS)
     assert exported.action_config == {"control_mode": "jerk"}
     assert_same_actions(exported, model)
+
+
+def test_the_command_exports_a_zip_in_the_settings_that_are_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = make()
+    model.save(tmp_path / "model.zip")
+    command = ["submit", "export", str(tmp_path / "model.zip"), str(tmp_path / "mine"), "--env", ENV]
+    assert main(command) == 2
+    assert "pass --allow-code" in capsys.readouterr().err
+    assert main([*command, "--allow-code"]) == 2
+    assert "does not say in which control mode it was trained" in capsys.readouterr().err
+    assert main([*command, "--allow-code", "--settings", "control_mode=jerk", "horizon=2.0"]) == 0
+    assert_same_actions(load_agent(tmp_path / "mine" / "agent.safetensors"), model)
 
 
 @pytest.mark.parametrize("layers", [[], [7], {"pi": [9, 5], "vf": [3]}], ids=str)

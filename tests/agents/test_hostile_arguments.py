@@ -106,6 +106,15 @@ REFUSED = [
     ("report", "results"),
     ("report missing.json", "missing.json"),
     ("report 'mk[/b]run.json'", "mk[/b]run.json"),
+    ("dataset Nope-v0 --out mine", 'unknown environment "Nope-v0"'),
+    ("submit check", "no submission"),
+    ("submit check 'mk[/b]mine'", "no folder mk[/b]mine"),
+    ("submit check . --episodes 0", "episodes 0 must be at least 1"),
+    ("submit check . --sealed none.secret", "cannot read none.secret"),
+    ("submit claim nope", "no folder nope"),
+    (f"submit export dpct mine --env {ENV}", "dpct is code"),
+    ("submit export agent mine --env Nope-v0", "unknown environment"),
+    (f"submit export agent mine --env {ENV} --settings control_mode=jerk", "leave --settings out"),
 ]
 
 

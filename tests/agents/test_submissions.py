@@ -292,6 +292,48 @@ def test_what_is_asked_for_and_impossible_ends_with_2(
     )
 
 
+def test_several_are_judged_one_by_one(mine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spoilt = copytree(mine, tmp_path / "spoilt")
+    edit_card(spoilt, lambda card: card["claims"]["tasks"][ENV].update(success=1))
+    out = tmp_path / "checked.json"
+    assert main(["submit", "check", str(spoilt), str(mine), *FEW, "--json", str(out)]) == 1
+    shown = capsys.readouterr().out
+    assert f"{spoilt}: refused\n" in shown
+    assert f"{mine}: accepted\n" in shown
+    refused, accepted = json.loads(out.read_text())["submissions"]
+    assert (refused["accepted"], refused["public"], accepted["accepted"]) == (False, None, True)
+    assert "success 1 is claimed, 3 is scored" in refused["reason"]
+    assert refused["scored"] == accepted["scored"]
+
+
+def test_a_run_is_exported_with_its_best_agent_and_a_card_is_kept(mine: Path, tmp_path: Path) -> None:
+    shipped = load_agent("ObstacleDodge-v0")
+    save_agent(shipped, tmp_path / "run" / "best.safetensors")
+    command = ["submit", "export", str(tmp_path / "run"), str(tmp_path / "new"), "--env", "ObstacleDodge-v0"]
+    assert main(command) == 0
+    card = yaml.safe_load((tmp_path / "new" / "card.yaml").read_text())
+    assert (card["name"], card["tasks"], card["authors"]) == ("new", ["ObstacleDodge-v0"], [])
+    assert (card["settings"], card["steps"]) == (
+        {"control_mode": "velocity"},
+        shipped.document["training"]["steps"],
+    )
+    written = load_agent(tmp_path / "new" / "agent.safetensors")
+    assert all(np.array_equal(tensor, shipped.tensors[name]) for name, tensor in written.tensors.items())
+    before = (mine / "card.yaml").read_text()
+    assert main(["submit", "export", "agent", str(mine), "--env", ENV, "--name", "other"]) == 0
+    assert (mine / "card.yaml").read_text() == before
+
+
+def test_an_interrupted_check_decides_nothing(
+    mine: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("agents.submissions.command.run_with_bar", lambda *args, **options: 143)
+    assert main(["submit", "check", str(mine), *FEW]) == 143
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "interrupted: nothing was decided" in captured.err
+
+
 def test_claims_replace_those_of_the_card_and_nothing_else(mine: Path) -> None:
     card = mine / "card.yaml"
     before = read_card(card)
