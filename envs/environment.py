@@ -149,7 +149,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._time_limit = _no_time_limit if time_limit is None else weakref.ref(time_limit)
         self._cut_after = 0 if time_limit is None else int(time_limit._max_episode_steps)
         self._camera.begin()
-        self._follow()
+        if self.render_mode is not None:
+            self._follow()
         return self._observation.copy(), self._infos.at_reset()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
@@ -165,15 +166,15 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
             self._needs_reset = terminated or truncated
             info = self._infos.at_step(0, ended=self._needs_reset or bool(env["step"] == self._cut_after))
-            self._follow()
+            if self.render_mode is not None:
+                self._follow()
             return self._observation.copy(), float(env["reward"]), terminated, truncated, info
 
     def _follow(self) -> None:
-        """Add to the trail of the hand, and draw, where somebody looks."""
-        if self.render_mode is not None:
-            self._camera.follow()
-            if self.render_mode == "human":
-                self._camera.frame()
+        """Add to the trail of the hand, and draw in a window."""
+        self._camera.follow()
+        if self.render_mode == "human":
+            self._camera.frame()
 
     @exclusive
     def render(self) -> Frame | None:

@@ -19,7 +19,7 @@ from envs.physics.episode import (
     observe_joints,
     sum_reward,
 )
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import copy_array, inlined, private
 from planners.robot.kinematics import hand_state_single
 
 LINE_LENGTH = 0.5
@@ -44,7 +44,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 """What an environment's record holds for this task, besides what every task has."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
@@ -68,8 +68,7 @@ def _begin(env: Any, shared: Any) -> None:
     begin_episode(env, shared)
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
-    for axis in range(2):
-        env.belt_start[axis] = env.part_position[axis]
+    copy_array(env.belt_start, env.part_position)
     _place_part(env)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
@@ -163,11 +162,12 @@ def _observe(env: Any, shared: Any) -> None:
     seen = env.seen
     observe_joints(env)
     for axis in range(2):
-        seen.hand[axis] = env.hand[axis] - shared.base[axis]
-        seen.part[axis] = env.part_position[axis] - shared.base[axis]
-        seen.part_error[axis] = env.part_position[axis] - env.hand[axis]
-        seen.part_velocity[axis] = env.part_velocity[axis]
-        seen.part_acceleration[axis] = env.part_acceleration[axis]
+        base, hand, part = shared.base[axis], env.hand[axis], env.part_position[axis]
+        seen.hand[axis] = hand - base
+        seen.part[axis] = part - base
+        seen.part_error[axis] = part - hand
+    copy_array(seen.part_velocity, env.part_velocity)
+    copy_array(seen.part_acceleration, env.part_acceleration)
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     seen.settled = env.settled_steps / shared.horizon_steps
     finish_observation(env, shared)

@@ -13,7 +13,7 @@ from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, p
 from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import ADVANCE, BEGIN, clear_episode, entry_points, finish_observation, sum_reward
-from planners.compiled.calls import Kernel, call, inlined, private
+from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, private
 from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
 
@@ -52,7 +52,7 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 """What an environment's record holds for this task, besides its physics and its reference."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
@@ -78,19 +78,18 @@ def _begin(env: Any, shared: Any) -> None:
 
     The drives begin with the torque that holds the empty machine, which does not depend on the payload.
     """
-    for i in range(N_JOINTS):
-        env.q[i] = env.waypoints[0, i]
+    copy_array(env.q, env.waypoints[0])
     clear_episode(env)
     _hold(env, env.pick_step == 0)
     call(shared.place_kernel, env, shared)
     q, still, tau = np.empty(N_JOINTS), np.zeros(N_JOINTS), np.empty(N_JOINTS)
-    for i in range(N_JOINTS):
-        q[i] = env.q[i]
+    copy_array(q, env.q)
     torque_single(empty_machine(shared), np.zeros(10), q, still, still, still, tau)
+    copy_array(env.tau, tau)
+    copy_array(env.drive_torque, tau)
+    clear_array(env.error_integral)
     for i in range(N_JOINTS):
-        env.tau[i] = tau[i]
-        env.drive_torque[i], env.error_integral[i] = env.tau[i], 0.0
-        env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
+        env.held_action[i] = 0.0 if shared.residual else tau[i] / shared.limits[0, i]
     env.leg = 1
     env.judged_after = shared.judged_after
     env.judged_steps = 0
@@ -191,8 +190,8 @@ def add_noise(seed: int, step: int, deviations: Array, measured: Array) -> None:
 def _measure(env: Any, shared: Any) -> None:
     """Update the reference, the noisy measurements of the joints, and the true tip error."""
     reference_at(env, shared, float(env.step), env.reference)
-    for i in range(N_JOINTS):
-        env.measured[0, i], env.measured[1, i] = env.q[i], env.qd[i]
+    copy_array(env.measured[0], env.q)
+    copy_array(env.measured[1], env.qd)
     add_noise(env.noise_seed, env.step, shared.noise, env.measured)
     tip_of(shared, env.q[0], env.q[1], env.q[2], env.tip)
     tip_of(shared, env.reference[0, 0], env.reference[0, 1], env.reference[0, 2], env.wanted_tip)
@@ -242,15 +241,16 @@ def _observe(env: Any, shared: Any) -> None:
         reference_at(env, shared, env.step + LOOKAHEAD[k] / shared.control_period, ahead)
         for i in range(N_JOINTS):
             seen.reference_ahead[k, i] = ahead[0, i] - env.reference[0, i]
+    reference, measured = env.reference, env.measured
+    copy_array(seen.error_integral, env.error_integral)
+    copy_array(seen.joint_position, measured[0])
+    copy_array(seen.joint_velocity, measured[1])
+    copy_array(seen.reference_velocity, reference[1])
+    copy_array(seen.reference_acceleration, reference[2])
+    copy_array(seen.waypoint, env.waypoints[env.leg])
     for i in range(N_JOINTS):
-        seen.joint_position[i] = env.measured[0, i]
-        seen.joint_velocity[i] = env.measured[1, i]
-        seen.reference_error[i] = env.reference[0, i] - env.measured[0, i]
-        seen.reference_velocity[i] = env.reference[1, i]
-        seen.reference_acceleration[i] = env.reference[2, i]
-        seen.error_integral[i] = env.error_integral[i]
+        seen.reference_error[i] = reference[0, i] - measured[0, i]
         seen.last_torque[i] = env.tau[i] / shared.limits[0, i]
-        seen.waypoint[i] = env.waypoints[env.leg, i]
     seen.waypoint_time = max(0.0, (env.due[env.leg] - env.step) * shared.control_period)
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     finish_observation(env, shared)

@@ -19,7 +19,7 @@ from envs.physics.episode import (
     observe_joints,
     sum_reward,
 )
-from planners.compiled.calls import Kernel, call, inlined, private
+from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.control import held_torque_single
 from planners.motion.time_laws import SHAPES, rest_curve_single
 from planners.quintic import quintic_effort
@@ -48,7 +48,7 @@ def env_fields(n_joints: int) -> list[tuple[Any, ...]]:
     ]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
@@ -68,8 +68,7 @@ reset_env, advance_batch, _ = entry_points(run)
 def _begin(env: Any, shared: Any) -> None:
     """Begin an episode in an environment whose posture, goal and duration are already set."""
     begin_episode(env, shared)
-    for i in range(env.q.shape[0]):
-        env.start[i] = env.q[i]
+    copy_array(env.start, env.q)
     env.torque_l1 = env.torque_l2 = 0.0
     duration = env.duration_steps * shared.control_period
     env.quintic_l1 = quintic_effort(shared.coupling, shared.weight, env.q, env.goal, duration, env.quintic_peak)
@@ -149,8 +148,8 @@ def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
     observe_joints(env)
+    copy_array(seen.goal, env.goal)
     for i in range(env.q.shape[0]):
-        seen.goal[i] = env.goal[i]
         seen.goal_error[i] = env.goal[i] - env.q[i]
         seen.torque_limit[i] = shared.limits[0, i]
     seen.time_left = (env.duration_steps - env.step) * shared.control_period

@@ -21,7 +21,7 @@ from envs.physics.episode import (
     table_of,
 )
 from envs.physics.rigid_bodies import read_joint_state, step_physics
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import copy_array, inlined, private
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
@@ -45,7 +45,7 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
     ]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
@@ -68,7 +68,7 @@ def _begin(env: Any, shared: Any) -> None:
     env.held_steps = 0
     env.collision = False
     move_discs(env, shared, 0.0)
-    _keep_disc_velocities(env)
+    copy_array(env.disc_velocities_before, env.disc_velocities)
     env.clearance = env.min_clearance = measure_clearance(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     env.distance = _goal_distance(env)
@@ -80,7 +80,7 @@ def _advance(env: Any, shared: Any) -> None:
     """Advance an environment by one control period under its ``action``."""
     # Physics of the arm among the moving discs.
     command(env, shared, env.action)
-    _keep_disc_velocities(env)
+    copy_array(env.disc_velocities_before, env.disc_velocities)
     closest = _move_among_discs(env, shared)
     worst_ratio = finish_period(env, shared)
     env.step += 1
@@ -128,13 +128,6 @@ def move_discs(env: Any, shared: Any, t: float) -> None:
 
 
 @private
-def _keep_disc_velocities(env: Any) -> None:
-    for disc in range(env.radii.shape[0]):
-        for axis in range(2):
-            env.disc_velocities_before[disc, axis] = env.disc_velocities[disc, axis]
-
-
-@private
 def measure_clearance(env: Any, shared: Any) -> float:
     """Distance between the surfaces of the arm and of the nearest disc, m."""
     nearest = np.inf
@@ -168,6 +161,8 @@ def _observe(env: Any, shared: Any) -> None:
     """Write the observation."""
     seen = env.seen
     observe_joints(env)
+    copy_array(seen.obstacle_velocity, env.disc_velocities)
+    copy_array(seen.obstacle_radius, env.radii)
     for axis in range(2):
         seen.hand[axis] = env.hand[axis] - shared.base[axis]
         seen.goal[axis] = env.goal[axis] - shared.base[axis]
@@ -175,8 +170,6 @@ def _observe(env: Any, shared: Any) -> None:
     for disc in range(env.radii.shape[0]):
         for axis in range(2):
             seen.obstacle[disc, axis] = env.discs[disc, axis] - shared.base[axis]
-            seen.obstacle_velocity[disc, axis] = env.disc_velocities[disc, axis]
-        seen.obstacle_radius[disc] = env.radii[disc]
         _observe_from_links(env, shared, disc)
     _observe_postures(env, shared)
     seen.clearance = env.clearance
@@ -203,8 +196,9 @@ def _observe_from_links(env: Any, shared: Any, disc: int) -> None:
     vx, vy = env.disc_velocities[disc, 0], env.disc_velocities[disc, 1]
     ax = (vx - env.disc_velocities_before[disc, 0]) / shared.control_period
     ay = (vy - env.disc_velocities_before[disc, 1]) / shared.control_period
-    angle = 0.0
+    angle, radius = 0.0, env.radii[disc]
     for link in range(2):
+        length = shared.lengths[link]
         angle += env.q[link]
         c, s = math.cos(angle), math.sin(angle)
         along, across = c * x + s * y, c * y - s * x
@@ -214,6 +208,6 @@ def _observe_from_links(env: Any, shared: Any, disc: int) -> None:
         if link == 0:
             seen.obstacle_acceleration[disc, 0] = c * ax + s * ay
             seen.obstacle_acceleration[disc, 1] = c * ay - s * ax
-        beyond = along - min(shared.lengths[link], max(0.0, along))
-        seen.link_clearance[disc, link] = math.hypot(beyond, across) - shared.link_radius - env.radii[disc]
-        x, y = x - shared.lengths[link] * c, y - shared.lengths[link] * s
+        beyond = along - min(length, max(0.0, along))
+        seen.link_clearance[disc, link] = math.hypot(beyond, across) - shared.link_radius - radius
+        x, y = x - length * c, y - length * s

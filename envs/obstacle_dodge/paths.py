@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import inlined, private
 from planners.motion.time_laws import trapezoid, trapezoid_share
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.clearance import clearance_single
@@ -98,12 +99,12 @@ class StraightMove(NamedTuple):
 
 def straight_move(arm: Arm, limits: JointLimits, start: Array, end: Array) -> StraightMove:
     """The straight move of an arm between two postures within limits of velocity and acceleration."""
-    top, ramp = trapezoid(end - start, np.array(limits.velocity), np.array(limits.acceleration))
+    # In Python: there is nothing to round differently, and one call a path is not worth compiling.
+    top, ramp = trapezoid.py_func(end - start, np.array(limits.velocity), np.array(limits.acceleration))
     goal = arm.forward_kinematics(end) - arm.base_array
-    return StraightMove(arm.length_array, arm.link_radius, start, end - start, top, ramp, goal)
+    return StraightMove(arm.length_array, arm.link_radius, start, end - start, float(top), float(ramp), goal)
 
 
-@njit(cache=True, nogil=True)
 def draw_path(generator: Any, kind: int, speed: float, radius: float, move: StraightMove, path: Array) -> None:
     """Draw the path of one disc, relative to the base of the arm.
 
@@ -152,7 +153,7 @@ def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x:
         x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _next_leg(
     generator: Any, kind: int, pace: float, move: StraightMove, now: float, x: float, y: float
 ) -> tuple[float, float]:
@@ -173,7 +174,7 @@ def _next_leg(
     return end_x, end_y
 
 
-@njit(cache=True, nogil=True)
+@private
 def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y: float) -> tuple[float, float]:
     """Place of a point of the moving arm, ``point`` links from the base, when the disc arrives there."""
     at_x = at_y = 0.0
@@ -189,7 +190,7 @@ def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y
     return at_x, at_y
 
 
-@njit(cache=True, nogil=True)
+@private
 def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> tuple[float, float]:
     """End of a leg from (x, y) towards a point: after its length, at the rim, or too near to the base."""
     far = max(math.hypot(to_x - x, to_y - y), 1e-9)
@@ -224,7 +225,7 @@ def _wander(generator: Any, pace: float, move: StraightMove, x: float, y: float,
         x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, float]:
     """Draw a point of an annulus around the base, uniform in distance and direction."""
     distance = nearest + (farthest - nearest) * generator.random()
@@ -232,7 +233,7 @@ def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, f
     return distance * math.cos(angle), distance * math.sin(angle)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _within(x: float, y: float) -> tuple[float, float]:
     """The closest point within NEAREST and FARTHEST of the base."""
     away = math.hypot(x, y)

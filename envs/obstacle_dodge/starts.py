@@ -121,7 +121,8 @@ class DodgeStarts:
             else:
                 path[:, disc] = follow_points(np.array(given[disc]) / length, speed or 0.5 * FASTEST, samples)
         path *= length
-        self._require_clear(start, path[0], radius)
+        if given is not None:  # what is drawn begins clear of the arm
+            self._require_clear(start, path[0], radius)
         return Episode(start, length * move.goal, radius, path)
 
     def _draw_move(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> tuple[Array, Array]:

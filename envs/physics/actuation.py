@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from envs.physics.rigid_bodies import advance, place_arm
-from planners.compiled.calls import Kernel, call, call_real, inlined
+from planners.compiled.calls import Kernel, call, call_real, copy_array, inlined
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
     TORQUE_SHARE,
@@ -85,12 +85,12 @@ def apply_action(env: Any, model: Any, action: Array) -> float:
 @inlined
 def command(env: Any, model: Any, action: Array) -> None:
     """Turn an action in [-1, 1] (clipped), ``(n,)``, into the torques ``env.tau`` of the next period."""
-    for i in range(env.q.shape[0]):
-        env.share[i] = min(1.0, max(-1.0, action[i]))
-        env.qd_before[i], env.qdd_before[i] = env.qd[i], env.qdd[i]
+    share = env.share
+    for i in range(share.shape[0]):
+        share[i] = min(1.0, max(-1.0, action[i]))
+    copy_array(env.qd_before, env.qd)
+    copy_array(env.qdd_before, env.qdd)
     call(model.command_kernel, env, model)
-    for i in range(env.q.shape[0]):
-        env.tau[i] = min(model.limits[0, i], max(-model.limits[0, i], env.tau[i]))
 
 
 @inlined
@@ -100,15 +100,26 @@ def finish_period(env: Any, model: Any) -> float:
     return worst
 
 
+@inlined
+def _keep_torque_limits(env: Any, model: Any) -> None:
+    tau, limits = env.tau, model.limits
+    for i in range(tau.shape[0]):
+        limit = limits[0, i]
+        tau[i] = min(limit, max(-limit, tau[i]))
+
+
 def _command_torque(env: Any, model: Any) -> None:
-    for i in range(env.q.shape[0]):
-        env.tau[i] = env.share[i] * model.limits[0, i]
+    tau, share, limits = env.tau, env.share, model.limits
+    for i in range(tau.shape[0]):
+        limit = limits[0, i]
+        tau[i] = min(limit, max(-limit, share[i] * limit))
 
 
 def _command_acceleration(env: Any, model: Any) -> None:
     for i in range(env.q.shape[0]):
         env.commanded_qdd[i] = env.share[i] * model.limits[2, i]
     held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, model.control_period, env.tau)
+    _keep_torque_limits(env, model)
 
 
 def _command_jerk(env: Any, model: Any) -> None:
@@ -132,8 +143,9 @@ def _command_jerk(env: Any, model: Any) -> None:
         held_torque_single(model.coupling, model.weight, env.q, env.qd, env.commanded_qdd, period, env.tau)
         worst, excess = worst_excess(env.tau, model.limits[0])
         if excess == 0.0:
-            return
+            break
         project_off_limit(mass[worst], excess, lower, upper, env.commanded_qdd)
+    _keep_torque_limits(env, model)
 
 
 def _command_velocity(env: Any, model: Any) -> None:
@@ -153,6 +165,7 @@ def _command_velocity(env: Any, model: Any) -> None:
         env.commanded_qdd[i] = min(hardest, max(-hardest, (wanted - speed) / period))
     state = model.coupling, model.weight, env.q, env.qd, period, model.limits[0]
     scale_into_torque(*state, TORQUE_SHARE, 1, env.commanded_qdd, env.tau)
+    _keep_torque_limits(env, model)
 
 
 def _finish_period(env: Any, model: Any) -> float:
@@ -161,16 +174,18 @@ def _finish_period(env: Any, model: Any) -> float:
     Acceleration is the change of velocity over the period divided by it, jerk the change of that acceleration. An angle
     is compared from the middle of its range.
     """
-    worst = 0.0
+    worst, ratios, limits = 0.0, env.limit_ratios, model.limits
     for i in range(env.q.shape[0]):
-        env.qdd[i] = (env.qd[i] - env.qd_before[i]) / model.control_period
-        env.peak_torque = max(env.peak_torque, abs(env.tau[i]))
-        jerk = (env.qdd[i] - env.qdd_before[i]) / model.control_period
-        values = env.tau[i], env.qd[i], env.qdd[i], jerk, env.q[i] - model.angle_middle[i]
+        torque, speed = env.tau[i], env.qd[i]
+        acceleration = (speed - env.qd_before[i]) / model.control_period
+        env.qdd[i] = acceleration
+        env.peak_torque = max(env.peak_torque, abs(torque))
+        jerk = (acceleration - env.qdd_before[i]) / model.control_period
+        values = torque, speed, acceleration, jerk, env.q[i] - model.angle_middle[i]
         for kind in range(len(LIMIT_KINDS)):
-            ratio = abs(values[kind]) / model.limits[kind, i]
+            ratio = abs(values[kind]) / limits[kind, i]
             worst = max(worst, ratio)
-            env.limit_ratios[kind] = max(env.limit_ratios[kind], ratio)
+            ratios[kind] = max(ratios[kind], ratio)
     return worst
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from envs.physics.chipmunk import array_at
-from planners.compiled.calls import call, inlined
+from planners.compiled.calls import call, clear_array, copy_array, inlined
 from planners.typing import Array
 
 EPISODE_FIELDS: list[tuple[Any, ...]] = [
@@ -56,12 +56,12 @@ def begin_episode(env: Any, shared: Any) -> None:
 @inlined
 def clear_episode(env: Any) -> None:
     """Clear the counters of the last episode; the joints are at rest."""
-    for i in range(env.q.shape[0]):
-        env.qd[i] = env.qdd[i] = env.tau[i] = env.commanded_qdd[i] = 0.0
-    for kind in range(env.limit_ratios.shape[0]):
-        env.limit_ratios[kind] = 0.0
-    for term in range(env.reward_terms.shape[0]):
-        env.reward_terms[term] = 0.0
+    clear_array(env.qd)
+    clear_array(env.qdd)
+    clear_array(env.tau)
+    clear_array(env.commanded_qdd)
+    clear_array(env.limit_ratios)
+    clear_array(env.reward_terms)
     env.reward = 0.0
     env.peak_torque = 0.0
     env.terminated = env.truncated = env.success = False
@@ -93,19 +93,18 @@ def limit_cost(ratio: float, tolerance: float) -> float:
 def observe_joints(env: Any) -> None:
     """Write positions, velocities and accelerations of the joints into the observation."""
     seen = env.seen
-    for i in range(env.q.shape[0]):
-        seen.joint_position[i] = env.q[i]
-        seen.joint_velocity[i] = env.qd[i]
-        seen.joint_acceleration[i] = env.qdd[i]
+    copy_array(seen.joint_position, env.q)
+    copy_array(seen.joint_velocity, env.qd)
+    copy_array(seen.joint_acceleration, env.qdd)
 
 
 @inlined
 def finish_observation(env: Any, shared: Any) -> None:
     """Scale and clip the physical values ``env.seen`` into ``env.observation``."""
-    seen = env.seen.flat
+    seen, observation, scales, bounds = env.seen.flat, env.observation, shared.scales, shared.bounds
     for element in range(seen.shape[0]):
-        value = seen[element] / shared.scales[element]
-        env.observation[element] = min(shared.bounds[element], max(-shared.bounds[element], value))
+        bound = bounds[element]
+        observation[element] = min(bound, max(-bound, seen[element] / scales[element]))
 
 
 def restart_clock(record: Any) -> None:

@@ -84,6 +84,35 @@ def caller(result: Any) -> Any:
     return call
 
 
+def _copy_array(typing_context: Any, target: Any, source: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> None:
+        to, of = (
+            context.make_array(kind)(context, builder, one) for kind, one in zip(signature.args, values, strict=True)
+        )
+        cgutils.raw_memcpy(builder, to.data, of.data, of.nitems, of.itemsize)  # type: ignore[no-untyped-call]
+
+    if (target.dtype, target.ndim, target.layout, source.layout) != (source.dtype, source.ndim, "C", "C"):
+        raise TypeError(f"copy_array takes contiguous arrays of one kind, not {target} and {source}")
+    return types.void(target, source), build
+
+
+def _clear_array(typing_context: Any, target: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> None:
+        array = context.make_array(signature.args[0])(context, builder, values[0])
+        size = builder.mul(array.nitems, array.itemsize)
+        cgutils.memset(builder, array.data, size, 0)  # type: ignore[no-untyped-call]
+
+    if target.layout != "C":
+        raise TypeError(f"clear_array takes a contiguous array, not {target}")
+    return types.void(target), build
+
+
+copy_array: Any = intrinsic(_copy_array)
+"""``target[:] = source`` in compiled code, for contiguous arrays of one shape; it compiles faster than a loop."""
+
+clear_array: Any = intrinsic(_clear_array)
+"""``target[:] = 0`` in compiled code, for a contiguous array of numbers."""
+
 call: Any = caller(types.void)
 """Calls a kernel that returns nothing."""
 

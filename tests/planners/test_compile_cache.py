@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 
 from planners import compile_cache
+from planners.compiled import calls
 
 FILES = {
     "planners/__init__.py": "import planners.compile_cache",
@@ -85,6 +86,29 @@ def run(packages: Path, code: str, *arguments: str, **environment: str) -> list[
         text=True,
     )
     return [line.split() for line in done.stdout.splitlines()]
+
+
+BY_ADDRESS = {
+    "planners/far.py": "from planners.compiled.calls import Kernel\nfrom planners.low import low\n"
+    "def far(x): return low(x) * 3.0\nFAR = Kernel(far)",
+    "mine/near.py": "from numba import njit\nfrom planners.compiled.calls import call_real\n"
+    "@njit(cache=True)\ndef near(address, x): return call_real(address, x)",
+}
+
+
+def test_an_edit_behind_an_address_is_compiled_and_its_caller_is_not(packages: Path) -> None:
+    (packages / "planners" / "compiled").mkdir()
+    (packages / "planners" / "compiled" / "calls.py").write_bytes(Path(calls.__file__).read_bytes())
+    for name, source in BY_ADDRESS.items():
+        (packages / name).write_text(source + "\n")
+    code = "from numba import float64\nfrom near import near\nfrom planners.far import FAR\n"
+    code += "print(near(FAR.address(float64), 1.0))\n"
+    code += "print(*(sum(f.stats.cache_misses.values()) for f in (near, FAR._compiled)))"
+    assert run(packages, code, NUMBA_CACHE_DIR="") == [["6.0"], ["1", "1"]]
+    low = packages / "planners" / "low.py"
+    low.write_text(low.read_text().replace("1.0", "2.0"))
+    assert run(packages, code, NUMBA_CACHE_DIR="") == [["9.0"], ["0", "1"]]
+    assert run(packages, code, NUMBA_CACHE_DIR="") == [["9.0"], ["0", "0"]]
 
 
 def make_read_only(packages: Path) -> None:
