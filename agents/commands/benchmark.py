@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.console import note, say
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
 from agents.report.outputs import ScoreOutputs, run_and_print
@@ -82,6 +81,4 @@ class BenchmarkOptions(ScoreOutputs):
 def run(options: BenchmarkOptions) -> int:
     """Run the benchmark, print the leaderboard, write what is asked for; the exit code."""
     config = options.resolve()
-    if text := options.shortness(config):
-        (note if options.format == "csv" else say)(text)
-    return run_and_print(Benchmark(config, allow_code=options.allow_code), options)
+    return run_and_print(Benchmark(config, allow_code=options.allow_code), options, options.shortness(config))

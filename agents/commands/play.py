@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import tyro
+import uvicorn
 
 import envs
 from agents.console import INTERRUPTED, say
 from agents.environments import check_seed, import_env
+from agents.play.server import HOST, application, open_socket
 from agents.play.session import Choice, Message, Session
 from agents.yaml_config import assigned
 from envs.experts import expert_names
@@ -61,14 +63,6 @@ def run(options: PlayOptions) -> int:
         trial.take(Message(do="choose", choice=Choice.parse(first, "play option")))
     finally:
         trial.close()
-    try:
-        import uvicorn
-
-        from agents.play.server import HOST, application, open_socket
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("uvicorn", "starlette", "websockets"):
-            raise
-        raise ModuleNotFoundError(f'planarm play needs {error.name}; run: pip install "planarm[web]"') from None
     listening = open_socket(options.port)
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
     served = application(first, settings=settings, allow_code=options.allow_code)

@@ -78,7 +78,7 @@ class Quick(Settings):
     Attributes:
         episodes: largest number of episodes of each policy on each task.
         bound_episodes: largest number of episodes whose bound is computed.
-        first: title of the task that is run first.
+        first: title of the task that is run first, unless other policies are asked for.
     """
 
     episodes: int = Field(ge=1, le=MOST_EPISODES)
@@ -117,8 +117,11 @@ class BenchmarkConfig(Settings):
         refuse_twice([task.title for task in self.tasks], "task")
         return self
 
-    def shortened(self) -> BenchmarkConfig:
-        """The benchmark that is run without ``--full``; itself if it names none."""
+    def shortened(self, *, in_order: bool = False) -> BenchmarkConfig:
+        """The benchmark that is run without ``--full``, with the order of tasks of the whole one on request.
+
+        It is the whole one if that names no part.
+        """
         if (quick := self.quick) is None:
             return self
         tasks = [
@@ -128,7 +131,7 @@ class BenchmarkConfig(Settings):
                     "bound_episodes": task.bound_episodes and min(task.bound_episodes, quick.bound_episodes),
                 }
             )
-            for task in sorted(self.tasks, key=lambda task: task.title != quick.first)
+            for task in sorted(self.tasks, key=lambda task: not in_order and task.title != quick.first)
         ]
         numbers = {name: min(getattr(self, name), getattr(quick, name)) for name in ("episodes", "bound_episodes")}
         return self.model_copy(update={**numbers, "tasks": tuple(tasks)})
@@ -150,7 +153,7 @@ def configure(
         ValueError: for an unknown configuration, task or setting.
     """
     whole = load_config(config, BenchmarkConfig)
-    loaded = whole if full else whole.shortened()
+    loaded = whole if full else whole.shortened(in_order=changes.get("policies") is not None)
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
     for name in ("env_config", "options"):

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import tyro
 
 from agents.compile_ahead import CompileAhead
-from agents.console import COMPILING, INTERRUPTED, catch_interrupt, note, progress_bar, show_compiling
+from agents.console import COMPILING, INTERRUPTED, catch_interrupt, note, progress_bar, say, show_compiling
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.leaderboard import TaskResult
 from agents.evaluation.scoreboard import Scoreboard
@@ -42,14 +42,16 @@ class ScoreOutputs:
     """Print every column, however narrow the terminal is."""
 
 
-def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
+def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs, opening: str = "") -> int:
     """Run a benchmark with a progress bar, print the tables of each task when it is finished, write files.
+
+    ``opening`` is a line above the first table.
 
     Returns:
         The exit code.
     """
     started, board = datetime.now(UTC), benchmark.board
-    tables = _Tables(outputs)
+    tables = _Tables(outputs, opening)
     code = run_with_bar(benchmark, tables.show, record=outputs.json is not None or outputs.report is not None)
     if code:
         note("interrupted: this is all that was finished", "yellow")
@@ -73,9 +75,9 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs) -> int:
 class _Tables:
     """The tables on stdout, task by task; `error` is why it takes no more."""
 
-    def __init__(self, outputs: ScoreOutputs) -> None:
-        self._outputs, self._shown = outputs, set[int]()
-        self.error: OSError | None = None
+    def __init__(self, outputs: ScoreOutputs, opening: str) -> None:
+        self._outputs, self._opening, self._shown = outputs, opening, set[int]()
+        self.error: OSError | SystemExit | None = None
 
     def show(self, result: TaskResult) -> None:
         """Print the tables of a task, once, and what is assumed about its policies."""
@@ -84,12 +86,20 @@ class _Tables:
         self._shown.add(id(result))
         for assumption in dict.fromkeys(result.assumptions):
             note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
+        opening, self._opening = self._opening, ""
+        if opening and self._outputs.format == "csv":
+            note(opening)
         if self._outputs.format == "csv" or self.error is not None:
             return
         try:
+            if opening:
+                say(f"{opening}\n")
             Scoreboard([result]).show(markdown=self._outputs.format == "markdown", wide=self._outputs.wide)
             sys.stdout.flush()
-        except OSError as error:  # files are written nevertheless
+        except (
+            OSError,
+            SystemExit,
+        ) as error:  # rich exits where the reader has stopped; files are written nevertheless
             self.error = error
             if self._outputs.json is None and self._outputs.report is None:
                 raise

@@ -96,16 +96,14 @@ def test_the_quick_benchmark_is_the_beginning_of_the_full_one() -> None:
     assert (few.episodes, few.tasks[0].bound_episodes) == (2, quick.bound_episodes)
 
 
-def test_the_quick_benchmark_says_what_it_is(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(benchmark.Benchmark, "fill", lambda *arguments: None)
-    assert run(BenchmarkOptions()) == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert "the first 32 of 128 episodes" in line
-    assert "planarm benchmark --full" in line
+def test_the_quick_benchmark_says_what_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    few: dict[str, Any] = {"tasks": ("ConveyorTrack-v0",), "policies": ("random",), "bound_episodes": 0}
+    assert run(BenchmarkOptions(**few)) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert "the first 32 of 128 episodes" in first
+    assert "planarm benchmark --full" in first
     for options in ({"full": True}, {"episodes": 3}, {"format": "csv"}):
-        assert run(BenchmarkOptions(**options)) == 0  # type: ignore[arg-type]
+        assert run(BenchmarkOptions(**few, **options)) == 0
         captured = capsys.readouterr()
         assert "of 128 episodes" not in captured.out
         assert ("of 128 episodes" in captured.err) == ("format" in options)
