@@ -47,7 +47,7 @@ def tool(module: str, arguments: list[str]) -> int:
 
     with patch("tyro.cli", parse_only), patch("sys.argv", [module, *arguments]):
         try:
-            runpy.run_module(module, run_name="__main__")
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
         except SystemExit as error:
             return 0 if error.code == PARSED else 1
     return 1

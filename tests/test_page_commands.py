@@ -106,7 +106,8 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if step.kind == "file":
                 (folder / step.name).write_text(step.text)
     do(f"docs/{TRAINED}", folder)
-    shutil.copytree(folder / "runs" / "mine", folder / "runs" / "belt-0")
+    for task in ("belt", "move", "dodge", "load"):  # as docs/agents calls the runs of its tasks
+        shutil.copytree(folder / "runs" / "mine", folder / "runs" / f"{task}-0")
     do("docs/benchmark/report.md", folder)
     return folder
 
