@@ -85,7 +85,13 @@ def run(command: list[str], folder: Path, timeout: float) -> str:
     done = subprocess.run(
         command,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "SDL_VIDEODRIVER": "dummy"},
+        env={
+            **os.environ,
+            "PYTHONPATH": path,
+            "OPENBLAS_NUM_THREADS": "1",
+            "SDL_VIDEODRIVER": "dummy",
+            "MINARI_DATASETS_PATH": str(folder / "datasets"),
+        },
         capture_output=True,
         text=True,
         timeout=timeout,

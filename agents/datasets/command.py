@@ -29,8 +29,8 @@ class DatasetOptions:
     For example:
 
         $ planarm dataset ConveyorTrack-v0 --policies dpct apf --episodes 200 --out belt/planners-v0
-        $ planarm dataset ObstacleDodge-v0 --episodes 1000 --only-successes --out dodge/experts-v0
-        $ planarm train bc/ConveyorTrack-v0 warm_start.dataset=belt/planners-v0
+        $ planarm dataset ObstacleDodge-v0 --settings control_mode=velocity --only-successes --out dodge/apf-v0
+        $ planarm train bc/ObstacleDodge-v0 warm_start.dataset=dodge/apf-v0
     """
 
     env: tyro.conf.Positional[str]

@@ -188,18 +188,18 @@ RECIPE = ["env_config.control_mode=jerk", "hidden=[16]", "num_envs=4", "evaluati
 
 @pytest.mark.rl
 def test_cloning_a_dataset_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    record_dataset("belt/apf-v0", BELT, ["apf"], 4, env_config={"control_mode": "jerk"})
+    record_dataset("dodge/apf-v0", "ObstacleDodge-v0", ["apf"], 4, env_config={"control_mode": "velocity"})
     cloning = ["warm_start.updates=30", "warm_start.episodes=4", *RECIPE[1:]]
     for name in ("one", "two"):
-        assert main(["train", "bc/ConveyorTrack-v0", *cloning, "--out", str(tmp_path / name)]) == 0
+        assert main(["train", "bc/ObstacleDodge-v0", *cloning, "--out", str(tmp_path / name)]) == 0
     one, two = (agents.load_agent(tmp_path / name) for name in ("one", "two"))
-    observations = read_dataset("belt/apf-v0")[0].observations
+    observations = read_dataset("dodge/apf-v0")[0].observations
     assert np.array_equal(one.predict(observations)[0], two.predict(observations)[0])
     capsys.readouterr()
-    assert main(["train", "bc/ConveyorTrack-v0", "warm_start.dataset=no/such-v0", "--out", str(tmp_path / "no")]) == 2
+    assert main(["train", "bc/ObstacleDodge-v0", "warm_start.dataset=no/such-v0", "--out", str(tmp_path / "no")]) == 2
     assert "no dataset no/such-v0" in capsys.readouterr().err
     both = ["warm_start.expert=apf", "--out", str(tmp_path / "both")]
-    assert main(["train", "bc/ConveyorTrack-v0", *both]) == 2
+    assert main(["train", "bc/ObstacleDodge-v0", *both]) == 2
     assert "one of the two" in capsys.readouterr().err
 
 
