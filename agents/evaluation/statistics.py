@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 CONFIDENCE = 0.95
 _RESAMPLES = 2000
@@ -31,6 +30,8 @@ class Estimate:
 
 def rate(outcomes: ArrayLike) -> Estimate:
     """Share of true outcomes ``(episodes,)``, with Wilson's score interval, which holds near 0 and 1 too."""
+    from scipy import stats  # slow to import
+
     array = np.asarray(outcomes, dtype=bool)
     test = stats.binomtest(int(array.sum()), array.size)
     interval = test.proportion_ci(CONFIDENCE, method="wilson")
@@ -49,6 +50,8 @@ def median(values: ArrayLike, *, bootstrap: bool = True) -> Estimate:
 
 def interquartile_mean(values: ArrayLike, *, bootstrap: bool = True) -> Estimate:
     """Mean of the middle half of ``values`` ``(episodes,)``, which may be infinite (IQM; Agarwal et al. 2021)."""
+    from scipy import stats  # slow to import
+
     return _estimate(values, lambda sample, axis: stats.trim_mean(sample, 0.25, axis=axis), bootstrap=bootstrap)
 
 
@@ -64,6 +67,8 @@ def _estimate(values: ArrayLike, statistic: Callable[..., Any], *, bootstrap: bo
     sample = np.where(np.isinf(sample), np.sign(sample) * 1e12 * (1.0 + largest), sample)
     ends = [float(statistic(sample, axis=0)), np.nan, np.nan]
     if bootstrap and sample.size > 1:
+        from scipy import stats  # slow to import
+
         result = stats.bootstrap(
             (sample,),
             statistic,

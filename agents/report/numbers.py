@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from agents.evaluation.compare import Pair, compare_all
 from agents.evaluation.statistics import CONFIDENCE, Estimate
@@ -141,6 +140,8 @@ def _profile(name: str, values: Array, metric: Metric) -> Profile:
 
 def wilson(successes: ArrayLike, trials: int) -> tuple[Array, Array]:
     """Wilson's score interval of a share, for several numbers of successes ``(n,)``; both ends, ``(n,)``."""
+    from scipy import stats  # slow to import
+
     z = float(stats.norm.ppf(0.5 + CONFIDENCE / 2.0))
     share, weight = np.asarray(successes) / trials, z * z / trials
     middle = (share + weight / 2.0) / (1.0 + weight)
