@@ -74,7 +74,7 @@ class Card(Settings):
         seconds: time of training, s.
         licence: of the weights, as an SPDX expression.
         link: to code or paper.
-        claims: the claimed scores, which ``planarm submit claim`` writes.
+        claims: the claimed scores; the action ``claim`` writes them.
     """
 
     format: Literal[1]
