@@ -6,6 +6,7 @@ all else that they do with their options is done. Tools are parsed only.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import runpy
@@ -38,13 +39,19 @@ def planarm(arguments: list[str], *, whole: bool) -> int:
 
 
 def tool(module: str, arguments: list[str]) -> int:
-    """Parse the command line of a tool, without running it."""
+    """Parse the command line of a tool, without running it; one that takes no options must only be there."""
+    source = importlib.util.find_spec(module)
+    if source is None or source.origin is None:
+        return 1
+    if not arguments and not source.submodule_search_locations and "cli(" not in Path(source.origin).read_text():
+        return 0
     parse = tyro.cli
 
     def parse_only(*args: Any, **kwargs: Any) -> None:
         parse(*args, **kwargs)
         raise SystemExit(PARSED)
 
+    sys.modules.pop(module, None)
     with patch("tyro.cli", parse_only), patch("sys.argv", [module, *arguments]):
         try:
             runpy.run_module(module, run_name="__main__", alter_sys=True)
