@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from agents.commands.outputs import check_outputs
-from agents.console import INTERRUPTED, note, say
+from agents.console import note, say
 from agents.environments import import_env
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.scoreboard import Scoreboard
@@ -212,5 +212,5 @@ def _check_episodes(episodes: int | None) -> None:
 def _scored(benchmark: Benchmark) -> Scoreboard:
     """The results of a benchmark that is run with a progress bar."""
     if code := run_with_bar(benchmark, lambda result: None, record=False):
-        raise Interrupted(code or INTERRUPTED)
+        raise Interrupted(code)
     return benchmark.board
