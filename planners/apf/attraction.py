@@ -16,6 +16,8 @@ import math
 
 from numba import njit
 
+from planners.compiled.calls import private
+
 DAMPING_RATIO = math.sqrt(0.5)
 """Of the linear field."""
 
@@ -103,7 +105,7 @@ def braking_distance(v: float, a: float, braking: tuple[float, float], jerk: flo
     return sign * (distance + p**3 / (6.0 * jerk * jerk))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _rest(x: float, v: float, s: float, braking: tuple[float, float], jerk: float, period: float) -> float:
     """Position of the earliest stop after one period of acceleration ``s``."""
     return x + (v + 0.5 * s * period) * period + braking_distance(v + s * period, s, braking, jerk)

@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from planners.compiled.calls import private
 from planners.control.joint_limits import VELOCITY_SHARE, scale_into_torque
 from planners.robot.arm import Arm
 from planners.robot.dynamics import inverse_dynamics_single
@@ -121,7 +122,7 @@ def _reach(
         scale_into_torque(coupling, weight, q[row], qd[row], period, torque, TORQUE_SHARE, _PASSES, out[row], tau)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _braking_time(
     coupling: Array, weight: Array, torque: Array, acceleration: Array, q: Array, goal: Array, left: float
 ) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from planners.apf.attraction import attraction, linear_field
+from planners.compiled.calls import private
 from planners.control.joint_limits import project_off_limit, smooth_bounds, worst_excess
 from planners.robot.arm import Arm, JointLimits
 from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
@@ -153,7 +154,7 @@ def _direction(target: _Target) -> _Pair:
     return target.velocity[0] / speed, target.velocity[1] / speed
 
 
-@njit(cache=True, nogil=True)
+@private
 def _relative_to_target(
     model: _ArmModel, q: Array, qd: Array, target: _Target, along: _Pair
 ) -> tuple[float, float, float, float]:
@@ -166,7 +167,7 @@ def _relative_to_target(
     return ux * x + uy * y, ux * vx + uy * vy, ux * y - uy * x, ux * vy - uy * vx
 
 
-@njit(cache=True, nogil=True)
+@private
 def _response_now(
     model: _ArmModel, q: Array, qd: Array, qdd: Array, target: _Target, along: _Pair, v: float, vy: float, period: float
 ) -> _Response:
@@ -196,7 +197,7 @@ def _response_now(
     return _response(model, half, qd + 0.5 * period * qdd, still, slope)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pair, x: float, v: float) -> _Response:
     """Following the target from the point where the hand comes to rest relative to it."""
     # braking evenly to rest takes twice as long as the same distance at the present velocity
@@ -228,7 +229,7 @@ def _response_at_meeting(model: _ArmModel, q: Array, target: _Target, along: _Pa
     return _response(model, meeting, _of_all_joints(n, speeds), _of_all_joints(n, still), _of_all_joints(n, slope))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _of_all_joints(n: int, first: _Pair) -> Array:
     """Values of two joints, and for a third the one with which the last link does not turn, ``(n,)``."""
     values = np.empty(n)
@@ -238,7 +239,7 @@ def _of_all_joints(n: int, first: _Pair) -> Array:
     return values
 
 
-@njit(cache=True, nogil=True)
+@private
 def _response(model: _ArmModel, q: Array, qd: Array, still: Array, slope: Array) -> _Response:
     n = q.shape[0]
     mass, bias = np.empty((n, n)), np.empty(n)
@@ -260,7 +261,7 @@ def _braking(model: _ArmModel, now: _Response, later: _Response) -> tuple[_Pair,
     return (min(-_WEAKEST, RESERVE * lowest), max(_WEAKEST, RESERVE * highest)), RESERVE * jerk
 
 
-@njit(cache=True, nogil=True)
+@private
 def _interval(response: _Response, lower: Array, upper: Array, torque: Array) -> _Pair:
     """The interval of s within bounds of joint accelerations and torques; empty if its ends are in reverse."""
     lowest, highest = -math.inf, math.inf
@@ -274,7 +275,7 @@ def _interval(response: _Response, lower: Array, upper: Array, torque: Array) ->
     return lowest, highest
 
 
-@njit(cache=True, nogil=True)
+@private
 def _narrowed(lowest: float, highest: float, offset: float, slope: float, low: float, high: float) -> _Pair:
     """The part of an interval of s in which ``low <= offset + slope s <= high``."""
     if abs(slope) < 1e-12:
@@ -283,7 +284,7 @@ def _narrowed(lowest: float, highest: float, offset: float, slope: float, low: f
     return max(lowest, min(first, second)), min(highest, max(first, second))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _fit_torque(response: _Response, torque: Array, lower: Array, upper: Array, qdd: Array) -> None:
     """Move accelerations towards the torque limits, and back into their bounds, by projections in turn."""
     n = qdd.shape[0]
@@ -299,14 +300,14 @@ def _fit_torque(response: _Response, torque: Array, lower: Array, upper: Array, 
         project_off_limit(response.mass[worst], excess, lower, upper, qdd)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _links(lengths: Array, q1: float, q2: float) -> tuple[float, float, float, float]:
     """Both links as vectors: x and y of the first, x and y of the second, m."""
     x1, y1 = lengths[0] * math.cos(q1), lengths[0] * math.sin(q1)
     return x1, y1, lengths[1] * math.cos(q1 + q2), lengths[1] * math.sin(q1 + q2)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _joint_velocities(links: tuple[float, float, float, float], vx: float, vy: float) -> _Pair:
     """Joint velocities for a velocity of the hand, bounded close to a stretched or folded arm."""
     x1, y1, x2, y2 = links

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.motion.path import look_up
 from planners.typing import Array
 
@@ -76,7 +77,7 @@ def advance(z: Array, control: float, h: float, after: Array) -> None:
     after[2] = z[2] + h * control
 
 
-@njit(cache=True, nogil=True)
+@private
 def cost_matrices(durations: Array) -> tuple[Array, Array]:
     """Exact integrals of e^2 and of (T e')^2 over scaled time, as quadratic forms of ``(z, j)``: each ``(N, 4, 4)``."""
     stages = durations.shape[0]
@@ -93,7 +94,7 @@ def cost_matrices(durations: Array) -> tuple[Array, Array]:
     return position, velocity
 
 
-@njit(cache=True, nogil=True)
+@private
 def tracking_index(position: Array, velocity: Array, z: Array, control: Array, time: float) -> float:
     """The index J of eq 18, in squared units of r times s, from the integrals of `cost_matrices`."""
     x = np.empty(4)
@@ -106,7 +107,7 @@ def tracking_index(position: Array, velocity: Array, z: Array, control: Array, t
     return total
 
 
-@njit(cache=True, nogil=True)
+@private
 def bounded_rows(tracking: Tracking) -> Array:
     """Which bounds exist: ``(N, rows, 2)``, the lower and the upper one of every constraint; that of T is left out."""
     stages, n = tracking.durations.shape[0], tracking.inverse_limits.shape[1]
@@ -218,7 +219,7 @@ def evaluate(
         gradient[0, -1, 3] = 1.0 / half
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _chain(out: Array, s: float, time: float, by_time: Array, dr: float, dv: float, da: float, dj: float) -> None:
     """Gradient by ``(z, T, j)`` of a quantity with derivatives ``dr .. dj`` by r .. r''' at ``s`` into the stage."""
     v, a, j = dv / time, da / time**2, dj / time**3

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.dpct.constraints import Tracking, bounded_rows, cost_matrices, evaluate, roll_out, tracking_index
 from planners.dpct.riccati import solve_stages
 from planners.typing import Array
@@ -194,7 +195,7 @@ def quintic_index(tracking: Tracking, time: float) -> float:
     return tracking_index(position, velocity, roll_out(tracking, time, tracking.start[2], control), control, time)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _quintic_control(tracking: Tracking, time: float) -> Array:
     """Scaled jerk at the middle of each stage of the quintic from the start to the rendezvous."""
     e = tracking.start[0] - tracking.target[0]
@@ -210,7 +211,7 @@ def _quintic_control(tracking: Tracking, time: float) -> Array:
     return control
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dual: Array) -> None:
     """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
     for k in range(value.shape[0]):
@@ -223,7 +224,7 @@ def _first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, du
                     dual[k, row, side] = barrier / slack[k, row, side]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _index_model(
     position_cost: Array,
     velocity_cost: Array,
@@ -256,7 +257,7 @@ def _index_model(
     linear[0, 3] += weight_time
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _barrier_model(
     bounded: Array,
     value: Array,
@@ -288,7 +289,7 @@ def _barrier_model(
                 hessian[k, b, a] = hessian[k, a, b]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time: bool) -> Array:
     """How the first ``(z, T)`` changes with what is free at the start: T, then the acceleration; ``(free, 4)``."""
     basis = np.zeros((int(free_time) + int(tracking.free_acceleration), 4))
@@ -301,7 +302,7 @@ def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time
     return basis
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _slack_steps(
     bounded: Array,
     value: Array,

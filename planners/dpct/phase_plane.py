@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -36,7 +37,7 @@ def tabulate(arm: Arm, m11_slip: tuple[float, float], q: Array, slope: Array, cu
     return Tables(slope, curvature, inertia, centripetal, static)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _step_duration(stage: int, rate: float, next_rate: float, dr: float, exact: bool) -> float:
     """Eq 26, or the time constant acceleration takes; inf where the hand would never get to the next stage."""
     if exact:

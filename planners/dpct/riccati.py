@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 
@@ -82,21 +83,21 @@ def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Arra
     return steps, start
 
 
-@njit(cache=True, nogil=True)
+@private
 def _input(row: Array, h: float) -> float:
     """``row @ G``, with G what one unit of control adds to the state over ``h``."""
     result: float = h * (row[2] + h * (row[1] / 2.0 + h * row[0] / 6.0))
     return result
 
 
-@njit(cache=True, nogil=True)
+@private
 def _pull_back(row: Array, h: float) -> None:
     """``row @ F`` in place, with F the transition over ``h``."""
     row[2] += h * (row[1] + h * row[0] / 2.0)
     row[1] += h * row[0]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _saddle_point(
     p_matrix: Array, p_vector: Array, e_matrix: Array, e_vector: Array, w_matrix: Array, basis: Array
 ) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from planners.compiled.calls import private
 from planners.excavator.kinematics import vectors
 from planners.excavator.machine import EXCAVATOR, JOINT_NAMES, N_JOINTS, Excavator
 from planners.excavator.newton_euler import Vector
@@ -213,7 +214,7 @@ def _solve(
     return q, theta6, status
 
 
-@njit(cache=True, nogil=True)
+@private
 def _solve_pair(
     geometry: Array,
     target: tuple[Array, Array, Array],
@@ -273,7 +274,7 @@ def _solve_pair(
     return code
 
 
-@njit(cache=True, nogil=True)
+@private
 def _roll_and_pitch(
     w: Vector, x6: Vector, mounted: float, bucket: float, free_pitch: float, mode: int
 ) -> tuple[float, float, int]:
@@ -296,7 +297,7 @@ def _roll_and_pitch(
     return np.arctan2(x5[2], c5), np.arctan2(toward * x5[1], toward * x5[0]), _BUCKET
 
 
-@njit(cache=True, nogil=True)
+@private
 def _reachable_pitch(wanted: float, front: float, height: float, a2: float, a3: float, d5: float) -> float:
     """The ``theta234`` closest to ``wanted`` for which boom and arm reach the wrist, rad.
 
@@ -318,7 +319,7 @@ def _reachable_pitch(wanted: float, front: float, height: float, a2: float, a3: 
     return closest
 
 
-@njit(cache=True, nogil=True)
+@private
 def _wrap(angle: float) -> float:
     """An angle brought into [-pi, pi), rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.lagrange.banded import factorise, substitute
 from planners.lagrange.newton import Model, Point, TorqueTask, bounded, displace, evaluate, index, newton_model
 from planners.lagrange.transcription import Transcription
@@ -151,14 +152,14 @@ def dot(a: Array, b: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@private
 def _set_rooms(load: Array, rooms: Array) -> None:
     """Distances of the loads to the upper and to the lower side of their limits, to ``rooms`` ``(2, loads)``."""
     for i in range(load.shape[0]):
         rooms[0, i], rooms[1, i] = 1.0 - load[i], 1.0 + load[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: float) -> None:
     """Move the duals of |tau| towards the smoothed sign after a full step, within [-1, 1]."""
     for k in range(sign.shape[0]):
@@ -169,7 +170,7 @@ def _turn_signs(sign: Array, tau: Array, tau_step: Array, eps: float, length: fl
             sign[k, j] = min(1.0, max(-1.0, sign[k, j] + length * (smoothed - sign[k, j])))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array, float]:
     """Newton's step, with a shift of the diagonal that makes the matrix positive definite, and that shift."""
     size, width = model.hessian.shape
@@ -188,7 +189,7 @@ def _regularised_step(model: Model, shift: float, unknowns: int) -> tuple[Array,
     return step, shift
 
 
-@njit(cache=True, nogil=True)
+@private
 def _torque_step(model: Model, links_step: Array) -> Array:
     """First-order change of the torques, units."""
     points, n = model.jacobians.shape[:2]
@@ -201,7 +202,7 @@ def _torque_step(model: Model, links_step: Array) -> Array:
     return change
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def _longest(values: Array, steps: Array) -> float:
     """Largest share of the steps that keeps positive values positive, at most 1."""
     reach = 1.0

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
 from planners.lagrange.transcription import Transcription
 from planners.typing import Array
@@ -56,7 +57,7 @@ class Model(NamedTuple):
     jacobians: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@private
 def displace(tr: Transcription, x: Array) -> Array:
     """Change of the links' motion by a change ``x`` ``(unknowns, n)`` of the unknowns, ``(points, 4, n)``."""
     points, orders, support = tr.functions.shape
@@ -201,7 +202,7 @@ def newton_model(
     return Model(hessian, gradient, index_gradient, jacobians)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _add_torques(slopes: Array, bends: Array, jacobian: Array, links_gradient: Array, curvature: Array) -> None:
     """Add first and (without the torques' own curvature) second derivatives of a function of the torques."""
     n = slopes.shape[0]
@@ -217,7 +218,7 @@ def _add_torques(slopes: Array, bends: Array, jacobian: Array, links_gradient: A
                         curvature[d, a, e, b] += scaled * jacobian[j, e, b]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _condense(functions: Array, first: int, orders: int, curvature: Array, hessian: Array) -> None:
     """Add one instant's second derivatives, by the unknowns, to the banded matrix."""
     support, n = functions.shape[1], curvature.shape[1]

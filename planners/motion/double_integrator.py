@@ -10,6 +10,7 @@ import math
 
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 RISE, CRUISE, BRAKE, SPEED = range(4)
@@ -101,7 +102,7 @@ def along_profile(profile: Array, v: float, a: float, t: float) -> tuple[float, 
     return way + 0.5 * speed * brake, 0.0, 0.0
 
 
-@njit(cache=True, nogil=True)
+@private
 def _peak(distance: float, v: float, top: float, a: float) -> float:
     """Signed cruise (or peak) velocity of the fastest motion to rest."""
     beyond = distance - 0.5 * v * abs(v) / a  # of where braking at once ends
@@ -111,7 +112,7 @@ def _peak(distance: float, v: float, top: float, a: float) -> float:
     return math.copysign(min(top, math.sqrt(max(0.0, square))), beyond)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _phases(distance: float, v: float, speed: float, a: float) -> float:
     """Duration of a motion that cruises with ``speed`` (not 0)."""
     rise, brake = abs(speed - v) / a, abs(speed) / a
@@ -119,7 +120,7 @@ def _phases(distance: float, v: float, speed: float, a: float) -> float:
     return rise + max(0.0, cruise) + brake
 
 
-@njit(cache=True, nogil=True)
+@private
 def _covered(speed: float, v: float, a: float, duration: float) -> float:
     """Distance of a motion that cruises with ``speed`` and comes to rest after ``duration``."""
     rise, brake = abs(speed - v) / a, abs(speed) / a

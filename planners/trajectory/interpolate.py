@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 OVERSHOOT = 1e-9
@@ -24,7 +25,7 @@ SHORT = 1e-6
 """Interval, as a fraction of the duration, in which rounding of its times dominates a quintic: it is left as it is."""
 
 
-@njit(cache=True, nogil=True)
+@private
 def quintic_between(
     s: float, h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
 ) -> tuple[float, float, float]:
@@ -40,7 +41,7 @@ def quintic_between(
     return q, qd, qdd
 
 
-@njit(cache=True, nogil=True)
+@private
 def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
     """Largest |jerk| of the quintic between two samples: at an end, or where the parabola that it is turns."""
     rest, dv, da = q1 - q0 - h * (qd0 + h * qdd0 / 2.0), h * (qd1 - qd0 - h * qdd0), h * h * (qdd1 - qdd0)
@@ -124,7 +125,7 @@ def insert_turning_points(t: Array, q: Array, qd: Array, qdd: Array) -> tuple[Ar
     return times, motion[0], motion[1], motion[2]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Array, shares: Array) -> int:
     """Write the shares of interval ``i`` at which a value of a joint turns to ``shares``; how many there are."""
     h, count = t[i + 1] - t[i], 0
@@ -161,7 +162,7 @@ def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Arr
     return kept
 
 
-@njit(cache=True, nogil=True)
+@private
 def _extreme(
     kind: int, h: float, ends: tuple[float, float, float, float, float, float], low: float, high: float
 ) -> tuple[float, float]:
@@ -185,7 +186,7 @@ def _extreme(
     return best, _value(kind, best, h, ends)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _value(kind: int, s: float, h: float, ends: tuple[float, float, float, float, float, float]) -> float:
     """Angle (kind 0), velocity (1) or acceleration (2) at a share ``s`` of an interval with these ends."""
     q, qd, qdd = quintic_between(s, h, ends[0], ends[1], ends[2], ends[3], ends[4], ends[5])

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.problem import MotionProblem
 from planners.robot.clearance import clearance_single
 from planners.robot.dynamics import inverse_dynamics_single
@@ -152,7 +153,7 @@ def _torque(
     inverse_dynamics_single(coupling, weight, point[0], point[1], point[2], tau)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _may_exceed(inner: Array, limits: Array, worst: float) -> bool:
     """Whether torques, known at the ends and in the middle of an interval, may be worse between these."""
     for j in range(limits.shape[0]):
@@ -163,7 +164,7 @@ def _may_exceed(inner: Array, limits: Array, worst: float) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@private
 def _jerk(end: float, h: float, i: int, j: int, q: Array, qd: Array, qdd: Array, rounding: float) -> float:
     """Largest jerk of joint ``j`` in interval ``i``, which ends at a time; inf for a jump of the acceleration."""
     change = abs(qdd[i + 1, j] - qdd[i, j])
@@ -242,7 +243,7 @@ def _clearance(
     return least, when
 
 
-@njit(cache=True, nogil=True)
+@private
 def _gap_at(
     s: float,
     h: float,
@@ -264,7 +265,7 @@ def _gap_at(
     return float(clearance_single(lengths, base, link_radius, point[0], x, y, disc[4]))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _between_samples(s: float, h: float, i: int, q: Array, qd: Array, qdd: Array, point: Array) -> None:
     """Angles, velocities and accelerations at a share ``s`` of interval ``i``, written to ``point``, ``(3, n)``."""
     for j in range(q.shape[1]):
@@ -273,7 +274,7 @@ def _between_samples(s: float, h: float, i: int, q: Array, qd: Array, qdd: Array
         )
 
 
-@njit(cache=True, nogil=True)
+@private
 def _raise(
     ratios: Array, joints: NDArray[np.int64], times: Array, kind: int, joint: int, time: float, ratio: float
 ) -> None:
@@ -284,7 +285,7 @@ def _raise(
         ratios[kind], joints[kind], times[kind] = ratio, joint, time
 
 
-@njit(cache=True, nogil=True)
+@private
 def _rise(left: float, middle: float, right: float) -> float:
     """How far the vertex of a parabola lies above (or below) its middle value; 0 where it is not between the three."""
     curvature, slope = 2.0 * middle - left - right, right - left

@@ -205,3 +205,39 @@ def test_a_module_that_is_loaded_again_runs_its_new_code(
     source.write_text(text + "# edited\n")
     reload(again_low)
     assert reload(module).again() == 22.0
+
+
+FIRST_PLAN = """
+from collections import Counter
+import numpy as np
+from numba.core import event
+from planners import PLANAR_3R, FixedJoints, MotionProblem, plan
+
+compiled = Counter()
+
+class Listener(event.Listener):
+    def on_start(self, started):
+        compiled[started.data["dispatcher"].py_func.__module__.split(".")[0]] += 1
+
+    def on_end(self, ended):
+        pass
+
+event.register("numba:compile", Listener())
+plan(MotionProblem(PLANAR_3R, np.zeros(3), FixedJoints(np.full(3, 0.3)), 2.0), "quintic")
+print(compiled["planners"], sum(compiled.values()))
+"""
+
+
+def test_a_first_plan_compiles_little(tmp_path: Path) -> None:
+    """The quintic's plan and its measurement; the rest are NumPy functions that Numba compiles for them."""
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST_PLAN],
+        cwd=Path(compile_cache.__file__).parent.parent,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    own, altogether = map(int, done.stdout.split())
+    assert 0 < own <= 24
+    assert altogether <= 44

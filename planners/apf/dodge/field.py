@@ -15,6 +15,7 @@ from planners.apf.dodge.gains import DodgeGains, as_record, make_instants
 from planners.apf.dodge.look_ahead import STATE, DodgeScene
 from planners.apf.dodge.proposals import choose_well
 from planners.apf.dodge.whole_arm import goal_postures, joint_attraction, keep_limits, make_body, time_to
+from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -140,7 +141,7 @@ def _dodge_batch(
         keep_limits(body, q[row], qd[row], period, qdd[row])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state: Any, record: Any) -> None:
     """Fill in the state of a row, and update the time for which it has held its goal."""
     angle = 0.0
@@ -156,7 +157,7 @@ def _set_state(body: Any, q: Array, qd: Array, goal: Array, period: float, state
     state.held = record.held
 
 
-@njit(cache=True, nogil=True)
+@private
 def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
     """Take the elbow of least time when an episode begins, and set the handicaps of both."""
     if not record.begun:

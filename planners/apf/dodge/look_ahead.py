@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from planners.apf.dodge.gains import STEP
 from planners.apf.dodge.whole_arm import gap, joint_attraction, time_to
+from planners.compiled.calls import private
 from planners.control.joint_limits import VELOCITY_SHARE
 from planners.typing import Array
 
@@ -81,7 +82,7 @@ class DodgeScene(NamedTuple):
     radii: Array
 
 
-@njit(cache=True, nogil=True)
+@private
 def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
     """Simulate a proposal; stops early once its cost exceeds ``enough``, s."""
     body, gains, state, instants, places, radii = scene
@@ -142,7 +143,7 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
     return Outlook(cost + max(0.0, to_go(body, state, q1, q2, v1, v2) - held), slack, worst, worst1, worst2)
 
 
-@njit(cache=True, nogil=True)
+@private
 def to_go(body: Any, state: Any, q1: float, q2: float, v1: float, v2: float) -> float:
     """Least time to rest at the goal, with the handicap of the elbow that takes least, s."""
     least = np.inf
@@ -161,7 +162,7 @@ def _turned(c: float, s: float, angle: float) -> tuple[float, float]:
     return c * cosine - s * sine, s * cosine + c * sine
 
 
-@njit(cache=True, nogil=True)
+@private
 def _cornered(body: Any, gains: Any, q1: float, side: float, away: float) -> float:
     """Cost of a first joint at ``q1`` (rad) between the end of its range and a disc that blocks it, s.
 

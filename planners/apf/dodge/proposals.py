@@ -18,6 +18,7 @@ from numba import njit
 from planners.apf.dodge.gains import STEP
 from planners.apf.dodge.look_ahead import NEVER, DodgeScene, Outlook, Proposal, look_ahead, to_go
 from planners.apf.dodge.whole_arm import CRUISE_SHARE, repulsion
+from planners.compiled.calls import private
 
 COMPASS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of displaced wells: shares along the repulsion and along the circulation."""
@@ -29,7 +30,7 @@ WELL_MARGIN = 0.02
 """Distance of wells from the ends of the joint ranges, rad."""
 
 
-@njit(cache=True, nogil=True)
+@private
 def choose_well(scene: DodgeScene, record: Any) -> None:
     """Choose the well that attracts a row and write it to the row's memory."""
     gains, goals = scene.gains, scene.state.postures
@@ -68,7 +69,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     _try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _try_well(scene: DodgeScene, record: Any, wanted: Proposal, least: float, bonus: float) -> float:
     """Take a well if its cost, less its bonus, is below the least so far; the least cost after that."""
     # a well without an end costs at least the time from there to the goal
@@ -92,7 +93,7 @@ def _take(record: Any, proposal: Proposal, detour: bool) -> None:
     record.elbow, record.detour = proposal.elbow, detour
 
 
-@njit(cache=True, nogil=True)
+@private
 def _rest_and_push(scene: DodgeScene, outlook: Outlook) -> tuple[float, float, float, float]:
     """Joint angles of rest after braking, rad, and the direction of the repulsion in joint space.
 

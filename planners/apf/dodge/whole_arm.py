@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.control.joint_limits import TORQUE_SHARE, VELOCITY_SHARE, share_within, stoppable_velocities
 from planners.robot.arm import Arm
 from planners.robot.kinematics import two_link_branch
@@ -120,7 +121,7 @@ def goal_postures(body: Any, q: Array, x: float, y: float, postures: Array) -> N
         postures[branch, 0], postures[branch, 1] = q1, q2
 
 
-@njit(cache=True, nogil=True)
+@private
 def _closest_turn(middle: float, reach: float, q: float, angle: float) -> float:
     """The angle in the whole turn closest to ``q`` within ``reach`` of the middle of a range; NaN if there is none."""
     turns = round((q - angle) / (2.0 * math.pi))
@@ -185,7 +186,7 @@ def held_torques(body: Any, q: Array, qd: Array, qdd1: float, qdd2: float, perio
     return upper + fore, fore
 
 
-@njit(cache=True, nogil=True)
+@private
 def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> None:
     """Change the accelerations of one row, ``(2,)``, so that they keep the limits of velocity, range and torque.
 
@@ -202,7 +203,7 @@ def keep_limits(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> No
     _keep_torque(body, q, qd, period, qdd)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _keep_torque(body: Any, q: Array, qd: Array, period: float, qdd: Array) -> None:
     limit1, limit2 = TORQUE_SHARE * body.torque[0], TORQUE_SHARE * body.torque[1]
     tau1, tau2 = held_torques(body, q, qd, qdd[0], qdd[1], period)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
@@ -96,7 +97,7 @@ def predicted_clearance(scene: PredictedDiscs, q: Array, t: float) -> float:
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@private
 def clearance_cost(scene: PredictedDiscs, clearance: float, t: float) -> float:
     """Cost per second at a clearance; in contact at least `CONTACT`, larger the earlier the contact is."""
     wanted = scene.margin + BETWEEN
@@ -108,14 +109,14 @@ def clearance_cost(scene: PredictedDiscs, clearance: float, t: float) -> float:
     return NEAR + NEARER * lacking * lacking
 
 
-@njit(cache=True, nogil=True)
+@private
 def cost_at(scene: PredictedDiscs, line: StraightLine, r: float, t: float, q: Array) -> float:
     """Cost per second at position ``r`` and time ``t``; ``q`` is scratch, ``(n,)``."""
     posture(line, r, t, q)
     return clearance_cost(scene, predicted_clearance(scene, q, t), t)
 
 
-@njit(cache=True, nogil=True)
+@private
 def fill_costs(
     scene: PredictedDiscs, line: StraightLine, t: float, first: float, step: float, low: int, high: int, row: Array
 ) -> None:

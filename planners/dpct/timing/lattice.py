@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.dpct.timing.crossings import (
     CONTACT,
     STAGE,
@@ -115,7 +116,7 @@ def search(scene: PredictedDiscs, line: StraightLine, goals: Array, limits: Arra
     return _leave_early(scene, line, accelerations, cost)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _lattice(scene: PredictedDiscs, line: StraightLine) -> Lattice:
     """The lattice of a line: coarser than its acceleration allows if that would leave too few speeds."""
     stages = max(line.held + 1, math.ceil(scene.prediction / STAGE - EDGE))
@@ -127,7 +128,7 @@ def _lattice(scene: PredictedDiscs, line: StraightLine) -> Lattice:
     return Lattice(stages, rise, 0.5 * STAGE * rise, slowest, fastest, back, ahead)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _forward(scene: PredictedDiscs, line: StraightLine, lattice: Lattice, came: NDArray[np.int8]) -> Array:
     """Least cost of every state of the last stage, ``(places, speeds)``; ``came`` gets the accelerations to each state.
 
@@ -182,7 +183,7 @@ def _forward(scene: PredictedDiscs, line: StraightLine, lattice: Lattice, came: 
     return value
 
 
-@njit(cache=True, nogil=True)
+@private
 def _cost_of_stage(before: float, middle: float, end: float) -> float:
     """Cost of small clearances in a stage, from those per second in its middle and at its end."""
     if before >= CONTACT:
@@ -194,7 +195,7 @@ def _cost_of_stage(before: float, middle: float, end: float) -> float:
     return 0.5 * STAGE * (middle + end)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _best_end(
     line: StraightLine, lattice: Lattice, value: Array, goals: Array, limits: Array
 ) -> tuple[float, int, int]:
@@ -232,7 +233,7 @@ def time_from_rest(q: Array, goals: Array, limits: Array) -> float:
     return least
 
 
-@njit(cache=True, nogil=True)
+@private
 def _trace_back(lattice: Lattice, came: NDArray[np.int8], p: int, j: int) -> Array:
     """The accelerations that lead to a state of the last stage, ``(stages,)``, rad/s^2."""
     unit = lattice.rise / STAGE
@@ -245,7 +246,7 @@ def _trace_back(lattice: Lattice, came: NDArray[np.int8], p: int, j: int) -> Arr
     return accelerations
 
 
-@njit(cache=True, nogil=True)
+@private
 def _leave_early(scene: PredictedDiscs, line: StraightLine, accelerations: Array, cost: float) -> tuple[float, Array]:
     """The timing, cut at the stage from which the fastest motion to the goal gives the least cost."""
     q = np.empty(line.origin.shape[0])
@@ -266,7 +267,7 @@ def _leave_early(scene: PredictedDiscs, line: StraightLine, accelerations: Array
     return best, accelerations[:kept]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _cost_of_constant_speed(scene: PredictedDiscs, line: StraightLine) -> float:
     """Cost of small clearances in the stages of constant speed."""
     q = np.empty(line.origin.shape[0])
@@ -277,7 +278,7 @@ def _cost_of_constant_speed(scene: PredictedDiscs, line: StraightLine) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@private
 def _cost_to_rest(scene: PredictedDiscs, line: StraightLine, r: float, v: float, start: float) -> float:
     """Cost of small clearances on the fastest motion to rest at the goal, from ``r`` and speed ``v`` at ``start``."""
     q, profile = np.empty(line.origin.shape[0]), np.empty(4)

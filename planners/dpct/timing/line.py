@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.dpct.timing.crossings import STAGE, ArmLimits, StraightLine
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
@@ -27,7 +28,7 @@ SLACK = 0.005
 """Largest excess of a joint range, rad, by a start that a tracking error has made too fast to stop within it."""
 
 
-@njit(cache=True, nogil=True)
+@private
 def line_fields(line: StraightLine) -> tuple[Any, ...]:
     """The fields of a line, which compiled functions give to interpreted ones instead of the named tuple."""
     motion = (line.across, line.decay, line.speed, line.top_speed, line.acceleration)
@@ -40,7 +41,7 @@ def fields_of_line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> tu
     return line_fields(line_to(q, qd, goal, limits))
 
 
-@njit(cache=True, nogil=True)
+@private
 def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightLine:
     """The line to a goal, ``(n,)``, rad, from the state ``q``, ``qd``, once the transverse velocity is 0."""
     n, table = q.shape[0], limits.table
@@ -75,7 +76,7 @@ def line_to(q: Array, qd: Array, goal: Array, limits: ArmLimits) -> StraightLine
     return _line(q, displacement, speed, across, decay, gentle, 1.0, limits)
 
 
-@njit(cache=True, nogil=True)
+@private
 def line_along(q: Array, qd: Array, direction: Array, limits: ArmLimits) -> StraightLine:
     """The line without a goal in a direction, ``(n,)``; the other arguments are those of `line_to`."""
     along = square = 0.0
@@ -157,7 +158,7 @@ def _line(
     return StraightLine(origin, direction, across, decay, speed, top_speed, acceleration, low, high, goal, held)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _most_acceleration(origin: Array, direction: Array, length: float, limits: ArmLimits) -> float:
     """Largest acceleration along the line from rest within the torque limits, rad/s^2."""
     n = origin.shape[0]

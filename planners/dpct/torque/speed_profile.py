@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 ROUNDING = 1e-7
@@ -76,7 +77,7 @@ def extreme_profile(track: Track, low: Array, high: Array, ceiling: float, start
     return np.sqrt(x)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _half_planes(track: Track, k: int, low_next: float, high_next: float, ceiling: float) -> Array:
     """The limits of step ``k`` as rows ``(a, c, d)`` of ``a u + c x <= d``, x where the step begins."""
     n = track.slope.shape[1]
@@ -107,7 +108,7 @@ def _half_planes(track: Track, k: int, low_next: float, high_next: float, ceilin
     return rows[: count + 4]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _squared_speeds(rows: Array) -> tuple[float, float]:
     """Least and largest x for which some u is within the half-planes, by Fourier-Motzkin elimination of u."""
     low, high = 0.0, np.inf
@@ -129,7 +130,7 @@ def _squared_speeds(rows: Array) -> tuple[float, float]:
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@private
 def _accelerations(rows: Array, x: float) -> tuple[float, float]:
     """Least and largest u within the half-planes at x."""
     least, most = -np.inf, np.inf

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.lagrange.via.curve import DEGREE, angle_at, derivative, interpolate
 from planners.robot.clearance import clearance_single
 from planners.robot.dynamics import inverse_dynamics_single
@@ -214,7 +215,7 @@ def rate(context: Search, e: int, via: Array, duration: float, best: float) -> f
     return float(cost + EFFORT * duration * _load(situation, scratch, duration))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
     """Whether angles, velocities, accelerations and jerks stay within their limits, or those that the start breaks."""
     for i in range(c.shape[0]):
@@ -240,7 +241,7 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@private
 def _danger(context: Search, duration: float, until: float, best: float) -> float:
     """Cost of coming close to discs until some time or the end of their prediction, exact where below ``best``."""
     options, scratch = context.options, context.scratch

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.lagrange.interpolation import lobatto_nodes
 from planners.typing import Array
 
@@ -64,7 +65,7 @@ def derivative(c: Array, order: int, s: float) -> float:
     return value
 
 
-@njit(cache=True, nogil=True)
+@private
 def angle_at(c: Array, s: float) -> float:
     """The polynomial with coefficients ``c``, ``(6,)``, at ``s``, rad."""
     return float(c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5])))))

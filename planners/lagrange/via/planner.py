@@ -22,6 +22,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
+from planners.compiled.calls import private
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Found, Options, Situation, Stops, search
 from planners.lagrange.via.curve import DEGREE, interpolate
@@ -289,7 +290,7 @@ def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, p
     return q[:count], due[:count], holds[:count], soonest[:count], tried[:count]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
     """Time in which every joint by itself can come to rest at ``end``, s."""
     longest = 0.0

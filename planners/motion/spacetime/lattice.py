@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.motion.spacetime.world import (
     Goal,
     World,
@@ -141,7 +142,7 @@ def explore(world: World, goal: Goal, lattice: Lattice, effort: Effort) -> tuple
     return FOUND, best, lower, expanded, trace_back(nodes, parents, best_node), best_profiles
 
 
-@njit(cache=True, nogil=True)
+@private
 def fill_state(lattice: Lattice, state: States, q: Array, qd: Array) -> None:
     """Joint angles and velocities of a state ``(5,)``, written to ``q`` and ``qd``."""
     for j in range(2):
@@ -149,7 +150,7 @@ def fill_state(lattice: Lattice, state: States, q: Array, qd: Array) -> None:
         q[j] = lattice.start[j] + 0.5 * lattice.speed[j] * lattice.dt * state[2 * j]
 
 
-@njit(cache=True, nogil=True)
+@private
 def fill_successor(state: States, choice: int, new: States) -> None:
     """The state after one step, written to ``new``."""
     for j in range(2):
@@ -159,7 +160,7 @@ def fill_successor(state: States, choice: int, new: States) -> None:
     new[LAYER] = state[LAYER] + 1
 
 
-@njit(cache=True, nogil=True)
+@private
 def find_place(table: NDArray[np.int32], nodes: States, node: int) -> int:
     """Index of a node's state in the hash table, or of the free place where it belongs."""
     key = np.uint64(0)
@@ -179,7 +180,7 @@ def find_place(table: NDArray[np.int32], nodes: States, node: int) -> int:
     return int(place)
 
 
-@njit(cache=True, nogil=True)
+@private
 def trace_back(nodes: States, parents: NDArray[np.int32], node: int) -> States:
     """States from the start to a node, ``(steps + 1, 5)``."""
     motion = np.empty((nodes[node, LAYER] + 1, 5), np.int16)

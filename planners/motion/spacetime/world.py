@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.motion.double_integrator import (
     BRAKE,
     CRUISE,
@@ -82,7 +83,7 @@ class Goal(NamedTuple):
     boxes: Array
 
 
-@njit(cache=True, nogil=True)
+@private
 def next_window(world: World, goal: Goal, t: float) -> float:
     """First time from ``t`` on, s, at which a hold can begin; inf if there is none."""
     sample = int(t / world.step)
@@ -91,7 +92,7 @@ def next_window(world: World, goal: Goal, t: float) -> float:
     return max(t, float(goal.windows[sample] * world.step))
 
 
-@njit(cache=True, nogil=True)
+@private
 def least_entry(world: World, goal: Goal, q: Array, qd: Array) -> float:
     """A lower bound of the time, s, until the hand is in the tolerance for good."""
     least = np.inf
@@ -114,7 +115,7 @@ def in_range(world: World, q: Array, qd: Array) -> bool:
     return inside
 
 
-@njit(cache=True, nogil=True)
+@private
 def gap_to_discs(world: World, sample: int, q: Array) -> float:
     """Clearance of the arm from the nearest disc, m."""
     gap = np.inf
@@ -124,14 +125,14 @@ def gap_to_discs(world: World, sample: int, q: Array) -> float:
     return gap
 
 
-@njit(cache=True, nogil=True)
+@private
 def free_samples(world: World, gap: float, speed: float) -> int:
     """Number of next samples that cannot touch: the arm moves by at most ``speed`` (m/s), the discs by ``pace``."""
     way = (speed + world.pace) * world.step
     return int((gap - world.margin) / way) if gap - world.margin < FAR_AHEAD * way else FAR_AHEAD
 
 
-@njit(cache=True, nogil=True)
+@private
 def step_is_free(world: World, first: int, samples: int, q0: Array, qd0: Array, qdd: Array, q: Array) -> bool:
     """Whether a step at constant acceleration keeps the margin and the torque limits; ``q`` is scratch."""
     end = samples * world.step
@@ -170,7 +171,7 @@ def overload(world: World, q1: float, q2: float, w1: float, w2: float, a1: float
     return float(max(abs(tau1) / world.torque[0], abs(tau2) / world.torque[1]))
 
 
-@njit(cache=True, nogil=True)
+@private
 def begin_rest(world: World, aim: Array, q: Array, qd: Array, together: bool, profiles: Array) -> None:
     """Fastest motions of both joints to rest at ``aim``, written to ``profiles``; of equal duration if ``together``."""
     duration = 0.0
@@ -181,7 +182,7 @@ def begin_rest(world: World, aim: Array, q: Array, qd: Array, together: bool, pr
         fill_profile(aim[j] - q[j], qd[j], world.velocity[j], world.acceleration[j], duration, profiles[j])
 
 
-@njit(cache=True, nogil=True)
+@private
 def entry_sample(
     world: World, goal: Goal, first: int, best: int, q0: Array, qd0: Array, profiles: Array, q: Array
 ) -> int:
@@ -222,14 +223,14 @@ def entry_sample(
     return first + entry if rest_keeps_limits(world, q0, qd0, profiles, moving) else -1
 
 
-@njit(cache=True, nogil=True)
+@private
 def posture_at(world: World, q0: Array, qd0: Array, profiles: Array, t: float, q: Array) -> None:
     """Joint angles at a time of a motion to rest, written to ``q``."""
     for j in range(2):
         q[j] = q0[j] + along_profile(profiles[j], qd0[j], world.acceleration[j], t)[0]
 
 
-@njit(cache=True, nogil=True)
+@private
 def distance_to(goal: Goal, world: World, q: Array) -> float:
     """Distance of the hand from the goal, m."""
     l1, l2 = world.lengths
@@ -238,7 +239,7 @@ def distance_to(goal: Goal, world: World, q: Array) -> float:
     return math.hypot(x, y)
 
 
-@njit(cache=True, nogil=True)
+@private
 def rest_keeps_limits(world: World, q0: Array, qd0: Array, profiles: Array, samples: int) -> bool:
     """Whether a motion to rest keeps the joint ranges and the torque limits at every sample."""
     for i in range(samples + 1):
