@@ -1,4 +1,6 @@
-"""Every command and every Python block of README.md and docs/ works, and every notebook: ``pytest -m docs``.
+"""Every command and every Python block of README.md and docs/ works: ``pytest -m docs``.
+
+Notebooks run when the site is built.
 
 Each page has a process of its own, in a folder with the files that the pages show. A command runs as it is printed, but
 for the sizes below; one that trains or serves for minutes is carried out up to there: its line is parsed, what it names
@@ -145,11 +147,10 @@ def test_what_a_page_says_works(page: str, material: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_and_is_stored_without_outputs(notebook: Path, tmp_path: Path) -> None:
+def test_a_notebook_is_stored_without_outputs(notebook: Path) -> None:
     cells = [cell for cell in json.loads(notebook.read_text())["cells"] if cell["cell_type"] == "code"]
+    assert cells
     assert not any(cell["outputs"] or cell["execution_count"] for cell in cells)
-    code = "import matplotlib\nmatplotlib.use('agg')\n" + "\n".join("".join(cell["source"]) for cell in cells)
-    run([sys.executable, "-W", "error", "-c", code], tmp_path, 600.0)
 
 
 def test_exceptions_are_of_lines_that_exist() -> None:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import from_dtype, njit, types
 from numba.core import cgutils
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -26,10 +27,19 @@ def inlined(function: Function) -> Function:
     return compiled
 
 
+class _Private(CPUDispatcher):
+    def __call__(self, *_: object, **__: object) -> Any:
+        name = self.py_func.__name__
+        raise TypeError(f"{name} is compiled for compiled callers: call {name}.py_func from Python")
+
+
 def private(function: Function) -> Function:
-    """Compile a function for compiled callers only, in half the time; called from Python it would crash."""
-    compiled: Function = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-    return compiled
+    """Compile a function for compiled callers only, in half the time; called from Python it raises a TypeError."""
+    compiled: Any = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    if isinstance(compiled, CPUDispatcher):  # not with NUMBA_DISABLE_JIT
+        compiled.__class__ = _Private  # without it, the missing entry point would be called
+    private_one: Function = compiled
+    return private_one
 
 
 class Kernel:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 from numba import njit, types
 
-from planners.compiled.calls import Kernel, call, call_real, clear_array, copy_array
+from planners.compiled.calls import Kernel, call, call_real, clear_array, copy_array, private
 
 SHORT = np.dtype([("a", "f8"), ("q", "f8", (2,)), ("n", "i8")], align=True)
 LONG = np.dtype([("a", "f8"), ("q", "f8", (2,)), ("n", "i8"), ("more", "f8", (3,))], align=True)
@@ -26,6 +28,25 @@ def _refuse(record: Any) -> None:
 
 
 RATIO, REFUSE = Kernel(_ratio), Kernel(_refuse)
+
+
+@private
+def _doubled(x: float) -> float:
+    return 2.0 * x
+
+
+@njit
+def _quadrupled(x: float) -> float:
+    return 2.0 * _doubled(x)
+
+
+def test_what_is_compiled_for_compiled_callers_refuses_others() -> None:
+    for copied in (_doubled, copy.deepcopy(_doubled), pickle.loads(pickle.dumps(_doubled))):
+        with pytest.raises(TypeError, match=r"call _doubled\.py_func from Python"):
+            copied(1.0)
+    assert _quadrupled(1.5) == 6.0
+    with pytest.raises(TypeError, match="compiled callers"):
+        _doubled(1.0)
 
 
 @njit
