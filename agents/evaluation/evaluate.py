@@ -16,6 +16,7 @@ from agents.environments import VectorEnv, check_names, check_seed, import_env, 
 from agents.evaluation.results import Evaluation, Timing
 from agents.policies.lookup import AnyPolicy, name_policy
 from agents.policies.policy import Actor, CountsPlans, EstimatesPayload, Policy, is_maker
+from envs.experts import Expert
 from envs.physics.actuation import LIMIT_KINDS
 from planners.typing import Array
 
@@ -109,6 +110,8 @@ def _run_batch(
     observation, _ = env.reset(seed=seeds.tolist(), options=options)
     state, begins, running = None, np.ones(n, dtype=bool), np.ones(n, dtype=bool)
     while running.any():
+        if isinstance(policy, Expert):
+            policy.idle = ~running
         before = perf_counter()
         actions, state = actor.act(observation, state, begins)
         between = perf_counter()
@@ -126,6 +129,8 @@ def _run_batch(
                 metrics.setdefault("mass_estimate", np.full(n, np.nan))[ended] = estimate[ended]
             running &= ~ended
             progress(int(ended.sum()))
+    if isinstance(policy, Expert):
+        policy.idle = None
     plans, planning_seconds, infeasible = np.subtract(_planned(policy), planned_before).tolist()
     timing = Timing(
         env_steps=steps * n,

@@ -34,6 +34,8 @@ class Expert(ABC):
         planning_seconds: time spent on them.
         infeasible: how many of the problems had no solution.
         refusal: why the last of them had none; empty if it had one.
+        idle: environments whose actions are not used, ``(num_envs,)``; nothing is planned for them. None if there
+            are none.
     """
 
     def __init__(self, task: Task) -> None:
@@ -42,6 +44,7 @@ class Expert(ABC):
         self.planning_seconds = 0.0
         self.infeasible = 0
         self.refusal = ""
+        self.idle: NDArray[np.bool_] | None = None
         self._memory: Any = None
         self._adaptation: PayloadAdaptation | None = None
         self._payload: Array = np.zeros(0)

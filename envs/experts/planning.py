@@ -70,17 +70,19 @@ class PlanningExpert(Expert):
         due = starts | (expected != left)
         if self._replan_every is not None:
             due |= plans["begun"] - left >= self._replan_every
+        wanted = np.ones_like(due) if self.idle is None else ~self.idle
+        due &= wanted
         if due.any():
             plans = plans.copy()
             plans["last"][due], plans["begun"][due], plans["origin"][due] = 0, left[due], observations[due]
             self._replan(plans, observations, left, due)
-        outdated = np.abs(self._payload - plans["payload"]) > PAYLOAD_TOLERANCE
+        outdated = wanted & (np.abs(self._payload - plans["payload"]) > PAYLOAD_TOLERANCE)
         if outdated.any():
             origin, begun, plans = plans["origin"], plans["begun"], plans.copy()
             failed = outdated & ~self._replan(plans, observations, left, outdated)
             # Not every planner starts from a moving arm; in the first periods the old start is close enough.
             self._replan(plans, origin, begun, failed)
-        rows, sample = np.arange(len(observations)), plans["begun"] - left
+        rows, sample = np.arange(len(observations)), np.maximum(0, plans["begun"] - left)
         now, ahead = np.minimum(sample, plans["last"]), np.minimum(sample + 1, plans["last"])
         qdd = tracking_acceleration(
             seen["joint_position"],

@@ -191,3 +191,9 @@ def test_public_names() -> None:
     assert ENV_ID in envs.env_ids()
     with pytest.raises(AttributeError, match="evaluat"):
         agents.evaluat  # noqa: B018
+
+
+def test_nothing_is_planned_for_environments_whose_episode_is_over() -> None:
+    evaluation = agents.evaluate("dpct", "MinTorqueMove-v0", seeds=range(6))
+    assert len(set(evaluation.lengths.tolist())) > 1
+    assert evaluation.timing.plans == 6

@@ -84,6 +84,8 @@ def collect(
     running = begins.copy()
     steps: list[tuple[Any, Any, Any, Any]] = []
     while running.any():
+        if expert is not actor:
+            expert.idle = ~running
         wanted, state = expert.predict(observation, state=state, episode_start=begins, deterministic=True)
         actions = wanted if actor is None else actor.predict(observation, deterministic=True)[0]
         following, rewards, terminated, truncated, _ = env.step(actions)
