@@ -392,7 +392,7 @@ def test_a_list_opens_with_the_next_release_and_is_verified(
     claimed: Path, lists: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = published().sha256
-    options = SealOptions("10.0", tmp_path / "secret", tmp_path / "next")
+    options = SealOptions("10.0", last=tmp_path / "secret", new=tmp_path / "next")
     assert seal(options) == 0
     assert stat.S_IMODE(os.stat(tmp_path / "next").st_mode) == 0o600
     now = published()
@@ -407,10 +407,20 @@ def test_a_list_opens_with_the_next_release_and_is_verified(
     assert main(["submit", "check", str(claimed), *FEW, "--sealed", "9.9"]) == 0
     assert "On the open list of 9.9" in capsys.readouterr().out
     with pytest.raises(ValueError, match=r"not that of the list sealed for 10\.0: its hash differs"):
-        seal(SealOptions("11.0", tmp_path / "secret", tmp_path / "third"))
+        seal(SealOptions("11.0", last=tmp_path / "secret", new=tmp_path / "third"))
     lists.write_text(lists.read_text().replace(SECRET, SECRET[::-1]))
     assert main(["submit", "sealed"]) == 1
     assert main(["submit", "check", str(claimed), *FEW, "--sealed", "9.9"]) == 2
+
+
+def test_a_list_whose_secret_is_lost_is_replaced_and_never_opened(lists: Path, tmp_path: Path) -> None:
+    before = published()
+    assert seal(SealOptions(before.release, new=tmp_path / "next")) == 0
+    assert published().opened == before.opened == ()
+    assert published().sha256 != before.sha256
+    seal(SealOptions("10.0", last=tmp_path / "next", new=tmp_path / "third"))
+    with pytest.raises(ValueError, match=rf"the list of {before.release} is open"):
+        seal(SealOptions(before.release, new=tmp_path / "fourth"))
 
 
 def test_sealed_seeds_are_those_of_their_task_and_more_only_append() -> None:
