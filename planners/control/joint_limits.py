@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.control.tracking import held_torque, held_torque_single
 from planners.robot.arm import Arm
 from planners.typing import Array
@@ -43,7 +44,7 @@ def smooth_bounds(
     return min(highest, max(lowest, lower)), max(lowest, min(highest, upper))
 
 
-@njit(cache=True, nogil=True)
+@private
 def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: float) -> float:
     """The largest acceleration that full jerk J brings to zero before the remaining speed is used up.
 
@@ -69,7 +70,7 @@ def stoppable_velocities(q: float, qd: float, end: float, braking: float, period
     return -_braked_in_time(end + q, -qd, braking, period), _braked_in_time(end - q, qd, braking, period)
 
 
-@njit(cache=True, nogil=True)
+@private
 def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
     """The largest velocity w at the end of a period, begun with velocity v, from which a joint stops within its room.
 
@@ -80,7 +81,7 @@ def _braked_in_time(room: float, v: float, a: float, period: float) -> float:
     return math.sqrt(half * half + 2.0 * a * left) - half if left > 0.0 else -v
 
 
-@njit(cache=True, nogil=True)
+@private
 def share_within(still: float, wanted: float, limit: float) -> float:
     """Largest share of an acceleration whose torque keeps the limit of one joint; 0 where even zero exceeds it.
 

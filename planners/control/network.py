@@ -116,18 +116,22 @@ def _run(
     outputs: Floats,
 ) -> None:
     """Run the network row by row."""
-    size, widest = observations.shape[1], sizes.max()
+    size, widest = observations.shape[1], sizes[0]
+    for layer in range(1, sizes.size):
+        widest = max(widest, sizes[layer])
     values, sums = np.empty(widest, np.float32), np.empty(widest, np.float32)
     active = np.empty(widest + 1, np.int64)
     for row in range(observations.shape[0]):
-        values[:size] = observations[row]
+        for i in range(size):  # loops, as an assigned slice takes two seconds to compile
+            values[i] = observations[row, i]
         for i in range(index.size):
             values[size + i] = gain[i] * observations[row, index[i]]
         _tanh(values[size : size + index.size])
         weight = bias = 0
         for layer in range(sizes.size - 1):
             inputs, width = sizes[layer], sizes[layer + 1]
-            sums[:width] = biases[bias : bias + width]
+            for i in range(width):
+                sums[i] = biases[bias + i]
             _add_products(values[:inputs], weights[weight : weight + inputs * width], active, sums[:width])
             weight += inputs * width
             bias += width
@@ -138,7 +142,8 @@ def _run(
                         values[i] = max(values[i], np.float32(0.0))
                 else:
                     _tanh(values[:width])
-        outputs[row] = values[: sizes[-1]]
+        for i in range(outputs.shape[1]):
+            outputs[row, i] = values[i]
 
 
 @njit(cache=True, nogil=True)

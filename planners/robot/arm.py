@@ -252,7 +252,9 @@ class Arm:
             raise ValueError(
                 f"got shapes {shapes}; {self.name} wants ({self.n_joints},) or (batch, {self.n_joints}) for all"
             )
-        result = function(*(np.ascontiguousarray(np.atleast_2d(array)) for array in given))
+        rows = [np.ascontiguousarray(np.atleast_2d(array)) for array in given]
+        # for arrays that are read-only the function would be compiled once more
+        result = function(*(array if array.flags.writeable else array.copy() for array in rows))
         return result[0] if len(shape) == 1 else result
 
 

@@ -74,9 +74,14 @@ def interpolate(t: Array, q: Array, qd: Array, qdd: Array, times: Array) -> Arra
     """
     n = q.shape[1]
     found = np.empty((3, times.shape[0], n))
-    right = np.searchsorted(t, times, side="right")
     for row in range(times.shape[0]):
-        after = right[row]
+        after, above = 0, t.shape[0]  # bisection for the first sample after the time
+        while after < above:
+            middle = (after + above) // 2
+            if times[row] < t[middle]:
+                above = middle
+            else:
+                after = middle + 1
         if after == 0 or after == t.shape[0] or not times[row] > t[after - 1]:
             i = 0 if after == 0 else after - 1
             for j in range(n):

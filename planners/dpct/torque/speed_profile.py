@@ -95,16 +95,17 @@ def _half_planes(track: Track, k: int, low_next: float, high_next: float, ceilin
                 by_x = track.centripetal[m, i] if kind == 0 else track.curvature[m, i]
                 still = track.static[m, i] if kind == 0 else 0.0
                 by_u += part * by_x
-                rows[count] = by_u, by_x, limit - still
-                rows[count + 1] = -by_u, -by_x, limit + still
+                rows[count, 0], rows[count, 1], rows[count, 2] = by_u, by_x, limit - still
+                rows[count + 1, 0], rows[count + 1, 1], rows[count + 1, 2] = -by_u, -by_x, limit + still
                 count += 2
             if track.limits[1, i] < np.inf and track.slope[m, i] != 0.0:
-                rows[count] = part, 1.0, (track.limits[1, i] / track.slope[m, i]) ** 2
+                square = (track.limits[1, i] / track.slope[m, i]) ** 2
+                rows[count, 0], rows[count, 1], rows[count, 2] = part, 1.0, square
                 count += 1
-    rows[count] = gain, 1.0, high_next
-    rows[count + 1] = -gain, -1.0, -low_next
-    rows[count + 2] = 0.0, 1.0, ceiling
-    rows[count + 3] = 0.0, -1.0, 0.0
+    rows[count, 0], rows[count, 1], rows[count, 2] = gain, 1.0, high_next
+    rows[count + 1, 0], rows[count + 1, 1], rows[count + 1, 2] = -gain, -1.0, -low_next
+    rows[count + 2, 0], rows[count + 2, 1], rows[count + 2, 2] = 0.0, 1.0, ceiling
+    rows[count + 3, 0], rows[count + 3, 1], rows[count + 3, 2] = 0.0, -1.0, 0.0
     return rows[: count + 4]
 
 
