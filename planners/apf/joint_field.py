@@ -118,7 +118,8 @@ def _reach(
             if abs(out[row, i]) > acceleration[i]:
                 share = min(share, acceleration[i] / abs(out[row, i]))
         if share < 1.0:
-            out[row] *= share
+            for i in range(q.shape[1]):
+                out[row, i] *= share
         scale_into_torque(coupling, weight, q[row], qd[row], period, torque, TORQUE_SHARE, _PASSES, out[row], tau)
 
 
