@@ -183,6 +183,7 @@ def test_rllib(mode: str) -> None:
 @pytest.mark.clients
 def test_minari() -> None:
     pytest.importorskip("minari")
+    pytest.importorskip("jax")  # DataCollector needs it; planarm dataset does not
     from minari.data_collector import EpisodeBuffer
     from minari.data_collector.callbacks import StepDataCallback
 
@@ -225,6 +226,6 @@ SNIPPETS = re.findall(r"^## (\w+)[^#]*?^```python\n(.*?)^```", PAGE, re.S | re.M
 @pytest.mark.clients
 @pytest.mark.parametrize(("client", "code"), SNIPPETS, ids=[client for client, _ in SNIPPETS])
 def test_a_snippet_of_the_page_on_clients(client: str, code: str, tmp_path: Path) -> None:
-    modules = {"RLlib": "ray.rllib", "TorchRL": "torchrl", "Minari": "minari", "Stable": "stable_baselines3"}
+    modules = {"RLlib": "ray.rllib", "TorchRL": "torchrl", "Minari": "h5py", "Stable": "stable_baselines3"}
     pytest.importorskip(modules.get(client, "gymnasium"))
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=240)

@@ -54,7 +54,7 @@ def test_placing_and_reading_agree() -> None:
 def test_the_page_states_the_errors() -> None:
     text = (Path(__file__).parents[2] / "docs" / "physics.md").read_text()
     rows = re.findall(r"^\| (\S+) ms \| (.*) \| (\S+) rad \| (\S+) % \|$", text, flags=re.MULTILINE)
-    assert len(rows) == 3
+    assert len(rows) == 6
     for step, simulation, angle, energy in rows:
         defaults = simulation != "planarm"
         error = fidelity.two_link_error(1e-3 * float(step), pymunk_defaults=defaults)

@@ -38,7 +38,7 @@ def calls_from_python(module: ModuleType) -> Iterator[tuple[str, Any]]:
     """What the interpreted functions of a module call, where that is a global name."""
     for node in ast.parse(inspect.getsource(module)).body:
         decorators = [ast.unparse(one) for one in getattr(node, "decorator_list", [])]
-        if any("njit" in one for one in decorators):
+        if any("njit" in one or one in ("private", "inlined") for one in decorators):
             continue
         for call in (one for one in ast.walk(node) if isinstance(one, ast.Call)):
             first, *rest = ast.unparse(call.func).split(".")
