@@ -48,7 +48,7 @@ def require_finite(name: str, value: float, unit: str = "", sign: Sign = "") -> 
 def require_vector(name: str, values: tuple[float, ...], length: int) -> None:
     """Raise ValueError if these are not so many finite numbers."""
     if len(values) != length or not all(math.isfinite(value) for value in values):
-        raise ValueError(f"{name} {values} must be {length} finite numbers")
+        raise ValueError(f"{name} {brief(values)} must be {length} finite numbers")
 
 
 def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from envs.batch.records import Records
 from envs.excavator_payload.world import N_JOINTS
+from planners.checks import brief
 from planners.compiled.calls import inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
@@ -138,10 +139,10 @@ def _whole_durations(times: Sequence[float], count: int, period: float) -> list[
         raise ValueError(f"{len(times)} arrival_times for {count + 1} waypoints; give one for each after the first")
     due = np.array(times) / period
     if (np.abs(due - np.rint(due)) > 1e-6).any():
-        raise ValueError(f"arrival_times {list(times)} s must be multiples of the control period, {period:g} s")
+        raise ValueError(f"arrival_times {brief(list(times))} s must be multiples of the control period, {period:g} s")
     durations: list[int] = np.diff(np.rint(due), prepend=0.0).astype(np.int64).tolist()
     if min(durations) < 1:
-        raise ValueError(f"arrival_times {list(times)} s must be positive and grow")
+        raise ValueError(f"arrival_times {brief(list(times))} s must be positive and grow")
     return durations
 
 

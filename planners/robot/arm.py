@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import Sign, float_array, is_number, require_finite, require_vector
+from planners.checks import Sign, brief, float_array, is_number, require_finite, require_vector
 from planners.robot import clearance, dynamics, kinematics, redundant
 from planners.robot.limits import EveryJoint
 from planners.robot.limits import JointLimits as JointLimits
@@ -271,7 +271,7 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
     links |= {kind: n * links[kind] for kind in every}
     links["coms"] = links["coms"] or tuple(length / 2.0 for length in links["lengths"])
     rods = zip(links["masses"], links["lengths"], strict=False)
-    links["inertias"] = links["inertias"] or tuple(mass * length**2 / 12.0 for mass, length in rods)
+    links["inertias"] = links["inertias"] or tuple(mass * (length * length) / 12.0 for mass, length in rods)
     for kind, values in links.items():
         if len(values) != n:
             raise ValueError(
@@ -279,9 +279,9 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
             )
         sign: Sign = "not negative" if kind in ("coms", "inertias") else "positive"
         if not all(math.isfinite(value) and (value > 0.0 or (value == 0.0 and sign != "positive")) for value in values):
-            raise ValueError(f"{name}: {kind} {values} must be finite and {sign}")
+            raise ValueError(f"{name}: {kind} {brief(values)} must be finite and {sign}")
         if max(values) > MOST:
-            raise ValueError(f"{name}: {kind} {values} must be at most {MOST:g}")
+            raise ValueError(f"{name}: {kind} {brief(values)} must be at most {MOST:g}")
     return links
 
 

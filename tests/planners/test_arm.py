@@ -133,3 +133,19 @@ def test_pickling_keeps_the_arm() -> None:
     assert hash(copy) == hash(used)
     q = np.array([0.3, -0.2, 1.0])
     np.testing.assert_array_equal(copy.inverse_dynamics(q, q, q), used.inverse_dynamics(q, q, q))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"lengths": [1e200, 1.0], "masses": [1.0, 1.0]},
+        {"lengths": [1.0, 1.0], "masses": [1e200, 1e300]},
+        {"lengths": [1.0, 1.0], "masses": [1.0, 1.0], "base": list(range(5000))},
+        {"lengths": [1e10] * 3000, "masses": [1.0] * 3000},
+        {"lengths": [-1.0] * 3000, "masses": [1.0] * 3000},
+    ],
+)
+def test_extreme_numbers_are_refused_in_a_short_sentence(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be") as refusal:
+        Arm(name="large", **given)
+    assert len(str(refusal.value)) < 300
