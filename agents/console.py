@@ -60,9 +60,12 @@ class Compiling:
     """
 
     def __init__(self) -> None:
-        self.functions = 0
         self.show: Callable[[str], object] | None = None
-        self._said = -INTERVAL
+        self.begin()
+
+    def begin(self) -> None:
+        """Count from nothing: another command is run."""
+        self.functions, self._said = 0, -INTERVAL
 
     def advance(self) -> None:
         """One more function is being compiled."""
@@ -83,7 +86,7 @@ COMPILING = Compiling()
 @contextmanager
 def note_compiling() -> Iterator[None]:
     """Show on stderr that something is being compiled, and how far that is; nothing if all is compiled already."""
-    COMPILING.__init__()  # type: ignore[misc]
+    COMPILING.begin()
     with listen_to_compiler(COMPILING.advance):
         yield
 

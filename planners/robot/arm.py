@@ -19,6 +19,9 @@ from planners.typing import Array
 MOST = 1e9
 """Largest length (m), mass (kg) or moment of inertia (kg m^2) of a link: squares and products of them stay finite."""
 
+LONGEST_NAME = 200
+"""Largest number of characters of an arm's name, which stands in messages."""
+
 
 @dataclass(frozen=True, init=False)
 class Arm:
@@ -63,11 +66,13 @@ class Arm:
         base: ArrayLike = (0.0, 0.0),
         link_radius: float = 0.0,
     ) -> None:
-        if not isinstance(name, str):
-            raise ValueError(f"the name of an arm must be a text, not {name!r:.80}")
+        if not isinstance(name, str) or len(name) > LONGEST_NAME:
+            raise ValueError(
+                f"the name of an arm must be a text, not {name!r:.80}, of at most {LONGEST_NAME} characters"
+            )
         if limits is not None and not isinstance(limits, JointLimits):
             raise ValueError(
-                f"{name}: limits {limits!r} are no JointLimits; write JointLimits(torque=..., velocity=...)"
+                f"{name}: limits {brief(limits)} are no JointLimits; write JointLimits(torque=..., velocity=...)"
             )
         given = {"lengths": lengths, "masses": masses, "coms": coms, "inertias": inertias}
         links = _per_link(name, given, limits)

@@ -153,6 +153,9 @@ def test_warmup_compiles_what_the_policies_of_an_environment_need(
 ) -> None:
     ran: list[str] = []
     monkeypatch.setattr(benchmark, "evaluate", lambda policy, env_id, *rest, **more: ran.append(more["name"]))
+    assert main(["warmup", "ExcavatorPayload-v0"]) == 0  # reading the agent may compile
+    ran.clear()
+    capsys.readouterr()
     assert main(["warmup", "ExcavatorPayload-v0"]) == 0
     assert ran == ["agent", "adaptive", "integral_computed_torque", "computed_torque", "random"]
     assert capsys.readouterr().out.startswith("everything is compiled already, kept in ")

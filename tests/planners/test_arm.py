@@ -143,9 +143,10 @@ def test_pickling_keeps_the_arm() -> None:
         {"lengths": [1.0, 1.0], "masses": [1.0, 1.0], "base": list(range(5000))},
         {"lengths": [1e10] * 3000, "masses": [1.0] * 3000},
         {"lengths": [-1.0] * 3000, "masses": [1.0] * 3000},
+        {"name": "x" * 9000, "lengths": 1.0, "masses": 1.0},
     ],
 )
 def test_extreme_numbers_are_refused_in_a_short_sentence(given: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be") as refusal:
-        Arm(name="large", **given)
+        Arm(**{"name": "large", **given})
     assert len(str(refusal.value)) < 300
