@@ -15,8 +15,9 @@ import numpy as np
 from gymnasium.utils import EzPickle, seeding
 from numpy.typing import NDArray
 
+from envs.batch.exclusive import exclusive, refuse_second
+from envs.batch.records import reader
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
-from envs.batch.workers import exclusive, refuse_second
 from envs.card import load
 from envs.checks import checked_actions, checked_options, time_limit_of, untouched_when_refused
 from envs.infos import Info, TaskInfos
@@ -27,6 +28,10 @@ from envs.task import Task
 from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
 from planners.typing import Array
+
+_READ = ("limit_ratios", "reward", "terminated", "truncated", "success", "step", "reward_terms")
+"""Fields of a record that a step reads."""
+_RATIOS = len(LIMIT_KINDS)
 
 _SECTIONS = (
     "Description",
@@ -128,6 +133,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._camera = TaskCamera(self.task, 0, window=render_mode == "human")
         # Views of the one record, made once to keep a step fast.
         self._env = self.task.batch[0]
+        self._read = reader(self.task.batch, 0, _READ)
         self._observation = self._env["observation"]
         self._time_limit: Callable[[], gym.wrappers.TimeLimit[Any, Any] | None] = _no_time_limit
         self._in_use, self._closed = Lock(), False
@@ -162,13 +168,14 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
                 self._require_open()
                 raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
             self.task.advance(checked_actions(action, self._action_shape))
-            env = self._env
-            terminated, truncated = bool(env["terminated"]), bool(env["truncated"])
-            self._needs_reset = terminated or truncated
-            info = self._infos.at_step(0, ended=self._needs_reset or bool(env["step"] == self._cut_after))
+            numbers = self._read()
+            reward, terminated, truncated, success, step = numbers[_RATIOS : _RATIOS + 5]
+            self._needs_reset = over = terminated or truncated
+            terms, worst = numbers[_RATIOS + 5 :], max(numbers[:_RATIOS])
+            info = self._infos.at_step(0, success, terms, worst, ended=over or step == self._cut_after)
             if self.render_mode is not None:
                 self._follow()
-            return self._observation.copy(), float(env["reward"]), terminated, truncated, info
+            return self._observation.copy(), reward, terminated, truncated, info
 
     def _follow(self) -> None:
         """Add to the trail of the hand, and draw in a window."""

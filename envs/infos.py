@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,6 +50,7 @@ class TaskInfos:
 
     def __init__(self, task: Task) -> None:
         self._task, self._records = task, task.batch
+        self._ratios = self._records["limit_ratios"]
         self._terms = [f"reward_{name}" for name in task.reward_terms]
         bools = ["is_success", *(name for name in task.outcomes if name in task.boolean_outcomes)]
         numbers = [*self._terms, *(name for name in task.outcomes if name not in bools), "limit_ratio"]
@@ -61,13 +63,22 @@ class TaskInfos:
         """Info of one environment at the start of an episode."""
         return {**self._unknown, "limit_ratio": 0.0, "limit_ratios": np.zeros(len(LIMIT_KINDS))}
 
-    def at_step(self, env_index: int, *, ended: bool) -> Info:
-        """Info of one environment after a step, which has ended the episode or not."""
-        record, info = self._records[env_index], self._unknown.copy()
-        info["is_success"] = bool(record["success"])
-        info.update(zip(self._terms, record["reward_terms"].tolist(), strict=True))
-        info["limit_ratios"] = ratios = record["limit_ratios"].copy()
-        info["limit_ratio"] = max(ratios.tolist())
+    def at_step(self, env_index: int, success: bool, terms: Iterable[float], worst: float, *, ended: bool) -> Info:
+        """Info of one environment after a step.
+
+        Args:
+            env_index: index of the environment.
+            success: whether the task is solved.
+            terms: the terms of the reward.
+            worst: the largest of the limit ratios.
+            ended: whether the step has ended the episode.
+        """
+        info = self._unknown.copy()
+        info["is_success"] = success
+        for name, term in zip(self._terms, terms, strict=True):
+            info[name] = term
+        info["limit_ratio"] = worst
+        info["limit_ratios"] = self._ratios[env_index].copy()
         if ended:
             info.update(self._outcome(env_index))
         return info

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from envs.arms import require_links
 from envs.batch.batch import Batch
+from envs.batch.exclusive import exclusive, refuse_second
 from envs.batch.records import Fields, Records, make_records, public_view
 from envs.batch.state import Episodes, State, checked_state
-from envs.batch.workers import exclusive, refuse_second
 from envs.card import Control, task_card
 from envs.observation import Layout, Observation
 from envs.physics.actuation import (
@@ -190,7 +190,6 @@ class Task(ABC):
         if len(generators) != len(records):
             raise ValueError(f"{len(generators)} generators for {len(records)} environments; give one for each")
         starts = self.draw(generators, self.options_type.parse(options, f"{self.env_id} option"))
-        self._batch.settle()
         for record, start in zip(records, starts, strict=True):
             self.begin(record, start)
             record["begun"] = True
@@ -220,7 +219,6 @@ class Task(ABC):
     def change(self, env_index: int, control: Control, *value: Any) -> bool:
         """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says."""
         record = self._batch.record(env_index)
-        self._batch.settle()
         done = control.write(self, record, *value)
         if done:
             self._batch.refresh(env_index)
@@ -291,10 +289,7 @@ class Task(ABC):
         with self._in_use:
             if actions is not None:
                 self._batch.actions[...] = actions
-            if resting is None:
-                self._batch.advance()
-            else:
-                self._batch.advance_others(resting)
+            self._batch.advance(resting)
 
     @exclusive
     def get_state(self, episodes: Episodes | None = None) -> State:
@@ -319,9 +314,8 @@ class Task(ABC):
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (type(self), self.config, self.num_envs, self.get_state())
 
-    def close(self) -> None:
-        """Stop the threads; may be called twice."""
-        self._batch.close()
+    def close(self) -> None:  # noqa: B027  nothing that every task would have to do
+        """Free what a subclass holds besides memory; may be called twice. Here, nothing."""
 
     @staticmethod
     def action_size(config: Any, arm: Arm) -> int:

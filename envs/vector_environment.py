@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from envs.batch.exclusive import exclusive
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
-from envs.batch.workers import exclusive
 from envs.checks import (
     checked_actions,
     checked_count,
@@ -206,7 +206,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
         return deepcopy(self)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the threads and free the surfaces."""
+        """Free the surfaces."""
         self._stop()
 
     @exclusive

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from functools import partial
 from math import prod
 from typing import Any
 
 import numpy as np
+from numba import typeof, types
 from numpy.typing import NDArray
 
+from envs.batch.pool import (
+    BATCH,
+    COUNT,
+    ENVS_PER_THREAD,
+    JOB_SIZE,
+    KERNEL,
+    MODEL,
+    NOTHING_TOLD,
+    RESTING,
+    WORK,
+    Words,
+    shared_pool,
+    work,
+)
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
-from envs.batch.workers import Workers
+from envs.physics.episode import EntryPoint
 from envs.physics.rigid_bodies import World, place_arm_of
 from planners import Arm
+from planners.compiled.calls import Kernel, address_of
 from planners.typing import Array
 
 
@@ -32,7 +47,6 @@ class Batch:
         records: one per environment, with the addresses of its bodies.
         actions: their actions, ``(count, k)``.
         world: their bodies.
-        advance: advances every environment by one control period.
     """
 
     def __init__(
@@ -50,9 +64,8 @@ class Batch:
         self._tables = [b""] * count
         for env_index in range(count):
             self._place_table(env_index, bytes(8 * prod(table_shape)))
-        work = partial(kernels.advance_batch, self.records, model)
-        self._workers = Workers(work, count, self.world)
-        self.advance = self._workers.run if self._workers.threads > 1 else partial(work, 0, count)
+        self._resting, self._some_rested = np.zeros(count), False
+        self._jobs: dict[str, Words] = {}
 
     @property
     def view(self) -> Records:
@@ -67,37 +80,39 @@ class Batch:
 
     def reset(self, env_index: int) -> None:
         """Begin the episode whose start has been written into an environment's record."""
-        self._kernels.reset_env(self.records, self.model, env_index)
+        if isinstance(self._kernels.reset_env, EntryPoint):
+            work(self._job("reset_env"), env_index, env_index + 1)
+        else:
+            self._kernels.reset_env(self.records, self.model, env_index)
 
     def refresh(self, env_index: int) -> None:
         """Let the bodies and the observation follow what was written into a record in the middle of an episode."""
         if hasattr(self._kernels, "refresh_env"):
-            self._kernels.refresh_env(self.records, self.model, env_index)
+            work(self._job("refresh_env"), env_index, env_index + 1)
 
-    def advance_others(self, resting: NDArray[np.bool_]) -> None:
-        """Advance the environments that do not rest by one control period."""
-        if self._workers.threads > 1:
-            self._workers.run(resting)
+    def advance(self, resting: NDArray[np.bool_] | None = None) -> None:
+        """Advance the environments, but those that rest, by one control period, on several threads if they are many."""
+        job = self._jobs.get("advance_batch")
+        if job is None:
+            job = self._job("advance_batch")
+        if resting is not None:
+            self._resting[:] = resting
+            job[RESTING] = self._resting.ctypes.data
+        elif self._some_rested:
+            job[RESTING] = 0
+        self._some_rested = resting is not None
+        if len(self.records) < 2 * ENVS_PER_THREAD:
+            work(job, 0, len(self.records))
         else:
-            self._workers.work_without(resting, 0, len(self.records))
+            shared_pool().work(job)
 
     def take_over(self, other: Batch) -> None:
         """Continue the episodes of another batch of the same task and arm, whose payload may be another."""
-        other.settle()
-        self.settle()
         self._bytes[...] = other._bytes
         for env_index, table in enumerate(other._tables):
             self._place_table(env_index, table)
             place_arm_of(self.records, self.model, env_index)
             self.refresh(env_index)
-
-    def settle(self) -> None:
-        """Wait for threads that an interrupt has left at work."""
-        self._workers.settle()
-
-    def close(self) -> None:
-        """Stop the threads."""
-        self._workers.close()
 
     def table(self, env_index: int) -> Array:
         """The table of an environment, to read."""
@@ -112,7 +127,6 @@ class Batch:
 
     def save(self, settings: dict[str, Any], episodes: Episodes | None) -> State:
         """The state of all environments, which have these settings."""
-        self.settle()
         physics = self.world.save().tobytes()
         return State(settings, len(self.records), self._bytes.tobytes(), physics, tuple(self._tables), episodes)
 
@@ -126,7 +140,6 @@ class Batch:
         sizes = count * self._bytes.shape[1], 8 * count * numbers, [8 * prod(self.table_shape)] * count
         if (len(state.records), len(state.physics), [len(table) for table in state.tables]) != sizes:
             raise ValueError("the state is damaged, or from another version of planarm: its parts have other sizes")
-        self.settle()
         self.world.load(np.broadcast_to(np.frombuffer(state.physics).reshape(count, numbers), self.world.shape))
         self._bytes[...] = np.frombuffer(state.records, np.uint8).reshape(count, -1)
         for env_index, table in enumerate(rows(state.tables, len(self.records))):
@@ -136,3 +149,17 @@ class Batch:
     def _place_table(self, env_index: int, table: bytes) -> None:
         self._tables[env_index] = table
         self.records["table"][env_index] = np.frombuffer(table or bytes(8)).__array_interface__["data"][0]
+
+    def _job(self, name: str) -> Words:
+        """A kernel of the task, which works on the records."""
+        if name not in self._jobs:
+            kernel, told = getattr(self._kernels, name), NOTHING_TOLD
+            if isinstance(kernel, EntryPoint):
+                kernel, told = kernel
+            numbers = [types.int64] * (2 if told == NOTHING_TOLD else 3)
+            kinds = typeof(self.records), typeof(self.model), *numbers  # type: ignore[no-untyped-call]
+            self._jobs[name] = job = np.zeros(JOB_SIZE, np.int64)
+            job[KERNEL] = kernel.address(*kinds) if isinstance(kernel, Kernel) else address_of(kernel, *kinds)
+            job[BATCH], job[MODEL] = self.records.ctypes.data, self.model.ctypes.data
+            job[COUNT], job[WORK] = len(self.records), told
+        return self._jobs[name]

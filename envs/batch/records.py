@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -41,3 +44,28 @@ def public_view(records: Records) -> Records:
     }
     memory = records.view(np.uint8).reshape(-1).data.toreadonly()
     return np.frombuffer(memory, np.dtype(layout, align=True))
+
+
+_CODES = {"f": "d", "i": "q", "b": "?"}
+"""How `struct` names the kinds of numbers in a record."""
+
+
+def reader(records: Records, env_index: int, names: tuple[str, ...]) -> Callable[[], tuple[Any, ...]]:
+    """Reads the numbers of some fields of one record, in the order in which they lie there, as one flat tuple.
+
+    This takes a tenth of the time of reading them from a NumPy record one by one.
+
+    Raises:
+        ValueError: if the names are in another order.
+    """
+    fields: Any = records.dtype.fields
+    form, end = "=", 0
+    for name in names:
+        kind, place, *_ = fields[name]
+        if place < end:
+            raise ValueError(f"{name} lies before the fields named before it; the order is {records.dtype.names}")
+        count = int(np.prod(kind.shape))
+        form += f"{place - end}x{count}{_CODES[kind.base.kind]}"
+        end = place + kind.itemsize
+    memory = records.view(np.uint8).reshape(len(records), -1)[env_index].data
+    return partial(Struct(form).unpack_from, memory)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from envs.physics import chipmunk
 from envs.physics.actuation import apply_action
 from envs.physics.episode import (
@@ -44,7 +42,6 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 """What an environment's record holds for this task, besides what every task has."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]

@@ -52,7 +52,6 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 """What an environment's record holds for this task, besides its physics and its reference."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import (
@@ -45,7 +44,6 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
     ]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]

@@ -126,13 +126,14 @@ def _reals_at(typing_context: Any, address: Any) -> Any:
     return types.CPointer(types.float64)(types.int64), cast  # type: ignore[no-untyped-call]
 
 
-_pointer_to_reals: Any = intrinsic(_reals_at)
+reals_at: Any = intrinsic(_reals_at)
+"""A pointer to the float64 numbers at an address, in compiled code."""
 
 
 @njit(cache=True, nogil=True)
 def array_at(address: int, shape: Any) -> Array:
     """The array of float64 of a shape that lies at an address, in compiled code."""
-    array: Array = carray(_pointer_to_reals(address), shape)
+    array: Array = carray(reals_at(address), shape)
     return array
 
 

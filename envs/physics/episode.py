@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from envs.physics.chipmunk import array_at
-from planners.compiled.calls import call, clear_array, copy_array, inlined
+from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined
 from planners.typing import Array
 
 EPISODE_FIELDS: list[tuple[Any, ...]] = [
@@ -25,25 +25,28 @@ ADVANCE, BEGIN, REFRESH = range(3)
 """What a kernel of `entry_points` does with the environments it is given."""
 
 
-def entry_points(kernel: Callable[..., None]) -> tuple[Callable[..., None], Callable[..., None], Callable[..., None]]:
+class EntryPoint(NamedTuple):
+    """A kernel with what it is told to do.
+
+    Attributes:
+        kernel: ``kernel(batch, model, first, last, work)``, for environments ``first`` to ``last - 1``.
+        work: `ADVANCE`, `BEGIN` or `REFRESH`.
+    """
+
+    kernel: Kernel
+    work: int
+
+
+def entry_points(kernel: Callable[..., None]) -> tuple[EntryPoint, EntryPoint, EntryPoint]:
     """``reset_env``, ``advance_batch`` and ``refresh_env`` of a task, all by one function, which is compiled once.
 
     Args:
-        kernel: compiled, ``kernel(batch, model, first, last, work)``: advances environments ``first`` to ``last - 1``
+        kernel: ``kernel(batch, model, first, last, work)``, to compile: advances environments ``first`` to ``last - 1``
             by one control period (`ADVANCE`), begins their episodes (`BEGIN`), or lets their bodies and observations
-            follow what was written into their records (`REFRESH`).
+            follow what was written into their records (`REFRESH`). It divides as NumPy does, without errors.
     """
-
-    def reset_env(batch: Any, model: Any, index: int) -> None:
-        kernel(batch, model, index, index + 1, BEGIN)
-
-    def advance_batch(batch: Any, model: Any, first: int, last: int) -> None:
-        kernel(batch, model, first, last, ADVANCE)
-
-    def refresh_env(batch: Any, model: Any, index: int) -> None:
-        kernel(batch, model, index, index + 1, REFRESH)
-
-    return reset_env, advance_batch, refresh_env
+    compiled = Kernel(kernel, error_model="numpy")
+    return EntryPoint(compiled, BEGIN), EntryPoint(compiled, ADVANCE), EntryPoint(compiled, REFRESH)
 
 
 @inlined

@@ -33,9 +33,9 @@ class _Private(CPUDispatcher):
         raise TypeError(f"{name} is compiled for compiled callers: call {name}.py_func from Python")
 
 
-def private(function: Function) -> Function:
+def private(function: Function, **options: Any) -> Function:
     """Compile a function for compiled callers only, in half the time; called from Python it raises a TypeError."""
-    compiled: Any = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    compiled: Any = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
     if isinstance(compiled, CPUDispatcher):  # not with NUMBA_DISABLE_JIT
         compiled.__class__ = _Private  # without it, the missing entry point would be called
     private_one: Function = compiled
@@ -49,20 +49,26 @@ class Kernel:
 
     Args:
         function: what is compiled, for every combination of types of which an address is asked.
+        options: of `numba.njit`.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._compiled: Any = private(function)
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        self._compiled: Any = private(function, **options)
 
     def address(self, *arguments: Any) -> int:
         """The address, to call with such arguments: Numba types, or the dtype of a record.
 
         The function is compiled, or loaded from the cache, when its address is first asked.
         """
-        kinds: Any = tuple(from_dtype(one) if isinstance(one, np.dtype) else one for one in arguments)
-        self._compiled.compile(kinds)
-        overload = self._compiled.overloads[kinds]
-        return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
+        kinds = [from_dtype(one) if isinstance(one, np.dtype) else one for one in arguments]
+        return address_of(self._compiled, *kinds)
+
+
+def address_of(compiled: Any, *kinds: Any) -> int:
+    """The address of what ``numba.njit`` has made of a function, to call with arguments of these Numba types."""
+    compiled.compile(kinds)
+    overload = compiled.overloads[kinds]
+    return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
 
 
 def caller(result: Any) -> Any:

@@ -189,7 +189,7 @@ def test_the_page_on_states_works(tmp_path: Path) -> None:
 
 
 def test_another_horizon_compiles_nothing() -> None:
-    kernel = kernels.run
+    kernel = kernels.advance_batch.kernel._compiled
     moved(made("ObstacleDodge-v0"))
     known = len(kernel.signatures)
     for settings in ({"horizon": 4.0}, {"horizon": 9.0, "control_period": 0.01}, {"tolerance": 0.1}, {"payload": 1}):
