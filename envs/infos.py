@@ -97,25 +97,29 @@ class TaskInfos:
             begun: which have just been reset; none if left out.
             ended: of which the step has ended the episode; none if left out.
         """
-        batch, n = self._records, len(self._records)
-        numbers = np.full((len(self._numbers), n), math.nan)
-        bools = np.zeros((len(self._bools), n), dtype=np.bool_)
-        ratios = batch["limit_ratios"].copy()
-        numbers[-1] = ratios.max(axis=1)
-        numbers[: len(self._terms)] = batch["reward_terms"].T
-        bools[0] = batch["success"]
+        n, terms = len(self._records), len(self._terms)
+        rows: Any = slice(None) if present is None else np.flatnonzero(present)
+        ratios = self._ratios[rows]
+        numbers = np.full((len(self._numbers), len(ratios)), math.nan)
+        bools = np.zeros((len(self._bools), len(ratios)), dtype=np.bool_)
+        numbers[:terms] = self._records["reward_terms"][rows].T
+        numbers[-1] = np.maximum.reduce(ratios.T.copy())
+        bools[0] = self._records["success"][rows]
         if begun is not None:
-            numbers[: len(self._terms), begun] = math.nan
+            begun = begun[rows]
+            numbers[:terms, begun] = math.nan
             bools[0, begun] = False
+        masks = np.ones((len(self._masks), len(ratios)), dtype=np.bool_)
+        if present is None:
+            ratios = ratios.copy()
+        else:
+            numbers, bools, masks = (_spread(part, rows, n) for part in (numbers, bools, masks))
+            ratios = _spread(ratios.T, rows, n).T.copy()
         infos: Info = {**_by_name(self._bools, bools), **_by_name(self._numbers, numbers), "limit_ratios": ratios}
         if ended is not None:
             for env_index in np.flatnonzero(ended).tolist():
                 for key, value in self._outcome(env_index).items():
                     infos[key][env_index] = value
-        masks = np.ones((len(self._masks), n), dtype=np.bool_)
-        if present is not None:
-            absent = ~present
-            numbers[:, absent], bools[:, absent], ratios[absent], masks[:, absent] = 0.0, False, 0.0, False
         infos.update(_by_name(self._masks, masks))
         return infos
 
@@ -143,3 +147,10 @@ class TaskInfos:
 def _by_name(names: list[str], rows: NDArray[Any]) -> Info:
     """Rows of an array by name."""
     return dict(zip(names, rows, strict=True))
+
+
+def _spread(part: NDArray[Any], rows: NDArray[np.intp], count: int) -> NDArray[Any]:
+    """An array of ``count`` columns with those of another array at some places, and 0 elsewhere."""
+    whole = np.zeros((len(part), count), part.dtype)
+    whole[:, rows] = part
+    return whole

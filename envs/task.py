@@ -232,7 +232,7 @@ class Task(ABC):
     def write_start(self, record: Any, start: Any) -> None:
         """Write a start into the record of an environment."""
 
-    def write_table(self, record: Any, table: Array) -> None:
+    def write_table(self, record: Any, table: Array | bytes) -> None:
         """Give an environment the table of its episode, which its kernels read by `envs.physics.episode.table_of`."""
         self._batch.write_table(record, table)
 

@@ -6,29 +6,14 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from numba import typeof, types
 from numpy.typing import NDArray
 
-from envs.batch.pool import (
-    BATCH,
-    COUNT,
-    ENVS_PER_THREAD,
-    JOB_SIZE,
-    KERNEL,
-    MODEL,
-    NOTHING_TOLD,
-    RESTING,
-    WORK,
-    Words,
-    shared_pool,
-    work,
-)
+from envs.batch.pool import NOTHING_TOLD, RESTING, Words, job_of, work, work_on_all
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
 from envs.physics.episode import EntryPoint
 from envs.physics.rigid_bodies import World, place_arm_of
 from planners import Arm
-from planners.compiled.calls import Kernel, address_of
 from planners.typing import Array
 
 
@@ -101,10 +86,7 @@ class Batch:
         elif self._some_rested:
             job[RESTING] = 0
         self._some_rested = resting is not None
-        if len(self.records) < 2 * ENVS_PER_THREAD:
-            work(job, 0, len(self.records))
-        else:
-            shared_pool().work(job)
+        work_on_all(job, len(self.records))
 
     def take_over(self, other: Batch) -> None:
         """Continue the episodes of another batch of the same task and arm, whose payload may be another."""
@@ -119,11 +101,15 @@ class Batch:
         self.record(env_index)
         return np.frombuffer(self._tables[env_index]).reshape(self.table_shape)
 
-    def write_table(self, record: Any, table: Array) -> None:
-        """Give the environment of a record another table."""
-        if table.shape != self.table_shape:
-            raise ValueError(f"expected a table of shape {self.table_shape}, found {table.shape}")
-        self._place_table(int(record["env_index"]), table.astype(np.float64, order="C").tobytes())
+    def write_table(self, record: Any, table: Array | bytes) -> None:
+        """Give the environment of a record another table, or its bytes."""
+        if not isinstance(table, bytes):
+            if table.shape != self.table_shape:
+                raise ValueError(f"expected a table of shape {self.table_shape}, found {table.shape}")
+            table = table.astype(np.float64, order="C").tobytes()
+        elif len(table) != 8 * prod(self.table_shape):
+            raise ValueError(f"expected a table of {8 * prod(self.table_shape)} bytes, found {len(table)}")
+        self._place_table(int(record["env_index"]), table)
 
     def save(self, settings: dict[str, Any], episodes: Episodes | None) -> State:
         """The state of all environments, which have these settings."""
@@ -153,13 +139,7 @@ class Batch:
     def _job(self, name: str) -> Words:
         """A kernel of the task, which works on the records."""
         if name not in self._jobs:
-            kernel, told = getattr(self._kernels, name), NOTHING_TOLD
-            if isinstance(kernel, EntryPoint):
-                kernel, told = kernel
-            numbers = [types.int64] * (2 if told == NOTHING_TOLD else 3)
-            kinds = typeof(self.records), typeof(self.model), *numbers  # type: ignore[no-untyped-call]
-            self._jobs[name] = job = np.zeros(JOB_SIZE, np.int64)
-            job[KERNEL] = kernel.address(*kinds) if isinstance(kernel, Kernel) else address_of(kernel, *kinds)
-            job[BATCH], job[MODEL] = self.records.ctypes.data, self.model.ctypes.data
-            job[COUNT], job[WORK] = len(self.records), told
+            kernel = getattr(self._kernels, name)
+            kernel, told = kernel if isinstance(kernel, EntryPoint) else (kernel, NOTHING_TOLD)
+            self._jobs[name] = job_of(kernel, self.records, self.model, told)
         return self._jobs[name]

@@ -16,15 +16,16 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import njit, typeof, types
 from numba.core import cgutils
 from numba.core.callconv import RETCODE_USEREXC
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
+from envs.batch.records import Records
 from envs.physics.chipmunk import reals_at
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import Kernel, address_of, inlined, private
 
 Words = NDArray[np.int64]
 
@@ -211,6 +212,17 @@ def _help(words: Words, helper: int) -> None:
         _take_slices(words)
 
 
+def job_of(kernel: Any, records: Records, model: Records, told: int = NOTHING_TOLD) -> Words:
+    """The job of a kernel, a `planners.compiled.calls.Kernel` or what ``numba.njit`` returns, with these records."""
+    numbers = [types.int64] * (2 if told == NOTHING_TOLD else 3)
+    kinds = typeof(records), typeof(model), *numbers  # type: ignore[no-untyped-call]
+    job = np.zeros(JOB_SIZE, np.int64)
+    job[KERNEL] = kernel.address(*kinds) if isinstance(kernel, Kernel) else address_of(kernel, *kinds)
+    job[BATCH], job[MODEL] = records.ctypes.data, model.ctypes.data
+    job[COUNT], job[WORK] = len(records), told
+    return job
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -234,14 +246,14 @@ class Pool:
             self._words[_HELPERS + 2 * helper] = _taken_lock()
             start_new_thread(_help, (self._words, helper))
 
-    def work(self, job: Words) -> None:
-        """Let a job's kernel work on all environments."""
+    def work(self, job: Words, envs_per_thread: int = ENVS_PER_THREAD) -> None:
+        """Let a job's kernel work on all environments; each thread that helps has at least so many."""
         count = int(job[COUNT])
-        threads = min(self.threads, count // ENVS_PER_THREAD)
+        threads = min(self.threads, count // envs_per_thread)
         if threads < 2:
             work(job, 0, count)
         else:
-            size = max(ENVS_PER_SLICE, -(-count // (SLICES_PER_THREAD * threads)))
+            size = max(min(ENVS_PER_SLICE, envs_per_thread), -(-count // (SLICES_PER_THREAD * threads)))
             _work_together(self._words, job, threads - 1, size)
 
 
@@ -263,6 +275,14 @@ def shared_pool() -> Pool:
     if not _pools:
         _pools.append(Pool(cores()))
     return _pools[0]
+
+
+def work_on_all(job: Words, count: int, envs_per_thread: int = ENVS_PER_THREAD) -> None:
+    """Let a job's kernel work on all of so many environments, with the threads of this process if they are many."""
+    if count < 2 * envs_per_thread:
+        work(job, 0, count)
+    else:
+        shared_pool().work(job, envs_per_thread)
 
 
 if hasattr(os, "register_at_fork"):

@@ -175,13 +175,13 @@ class ObstacleDodge(Task):
             given = options.model_dump(exclude={"scenario"}, exclude_none=True)
             scenario = {**paper_scenario(self.scale), **given}
             options = ObstacleDodgeOptions.parse(scenario, f"{self.env_id} option")
-        return [self._starts.draw(generator, options) for generator in generators]
+        return self._starts.draw(generators, options)
 
     def write_start(self, record: Any, start: Episode) -> None:
         """Write posture, goal and disc paths."""
-        record["q"], record["goal"] = start.start, start.goal + self.arm.base_array
+        record["q"], record["goal"] = start.start, start.goal
         record["radii"] = start.radius
-        self.write_table(record, start.path + self.arm.base_array)
+        self.write_table(record, start.path)
 
     def outcome(self, record: Any) -> dict[str, Any]:
         """Collision, clearance, time to the goal and distance from it."""

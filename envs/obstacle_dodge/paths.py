@@ -14,20 +14,21 @@ A disc is aimed at the place of a point of the arm at the disc's arrival, if the
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numba import njit
+from numba.np.random.random_methods import buffered_bounded_lemire_uint32
 
 from planners.compiled.calls import inlined, private
-from planners.motion.time_laws import trapezoid, trapezoid_share
-from planners.robot.arm import Arm, JointLimits
+from planners.motion.time_laws import trapezoid_share
 from planners.robot.clearance import clearance_single
 from planners.typing import Array
 
 Kind = Literal["waypoints", "passes", "wander"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _WAYPOINTS, _PASSES, _WANDER = 0, 1, 2  # positions in KINDS
+_below: Any = buffered_bounded_lemire_uint32
+"""What ``generator.integers`` does for small numbers: the same random numbers, and compiled in a tenth of the time."""
 
 PATH_STEP = 0.01
 """Time between two samples of a path, s."""
@@ -62,91 +63,65 @@ CORRELATION_TIME, WANDER_SPEED = 0.8, 0.8
 WALL, WALL_STIFFNESS = 0.15, 12.0
 """Width of the soft walls in front of NEAREST and FARTHEST, m, and their stiffness, 1/s^2."""
 
+_INSIDE, _OUTSIDE, _NOT_FAST = (NEAREST + WALL + 1e-6) ** 2, (FARTHEST - WALL - 1e-6) ** 2, (FASTEST - 1e-6) ** 2
+"""Squares of distances from the base between which no wall pushes, and of a speed that is not too fast: a square costs
+less than a distance."""
+
 LEAD_ITERATIONS = 6
 """Fixed-point iterations between the place of an aim and the time of arrival there."""
 
 
-class StraightMove(NamedTuple):
-    """A straight motion of a two-link arm in joint space; see `planners.motion.time_laws.trapezoid`.
-
-    Attributes:
-        lengths: lengths of the links, ``(2,)``, m.
-        link_radius: radius of the links, m.
-        start: posture at time 0, ``(2,)``, rad.
-        change: change of the posture, ``(2,)``, rad.
-        top, ramp: top speed, 1/s, and ramp time, s, of the trapezoid.
-        goal: final position of the hand, ``(2,)``, m.
-    """
-
-    lengths: Array
-    link_radius: float
-    start: Array
-    change: Array
-    top: float
-    ramp: float
-    goal: Array
-
-    def in_units(self, length: float, time: float) -> StraightMove:
-        """The same move with lengths in units of ``length`` m and times in units of ``time`` s."""
-        return self._replace(
-            lengths=self.lengths / length,
-            link_radius=self.link_radius / length,
-            top=self.top * time,
-            ramp=self.ramp / time,
-            goal=self.goal / length,
-        )
-
-
-def straight_move(arm: Arm, limits: JointLimits, start: Array, end: Array) -> StraightMove:
-    """The straight move of an arm between two postures within limits of velocity and acceleration."""
-    # In Python: there is nothing to round differently, and one call a path is not worth compiling.
-    top, ramp = trapezoid.py_func(end - start, np.array(limits.velocity), np.array(limits.acceleration))
-    goal = arm.forward_kinematics(end) - arm.base_array
-    return StraightMove(arm.length_array, arm.link_radius, start, end - start, float(top), float(ramp), goal)
-
-
-def draw_path(generator: Any, kind: int, speed: float, radius: float, move: StraightMove, path: Array) -> None:
+@inlined
+def draw_path(generator: Any, kind: int, draw: Any, arm: Any, paths: Array, disc: int) -> None:
     """Draw the path of one disc, relative to the base of the arm.
 
     Args:
         generator: a NumPy generator.
         kind: index into `KINDS`.
-        speed: speed of the disc, m/s; drawn where NaN.
-        radius: radius of the disc, m.
-        move: motion of the arm at which the disc is aimed.
-        path: samples of the path, filled in, ``(samples, 2)``, m.
+        draw: the record of a start (`envs.obstacle_dodge.starts`), whose straight move the disc is aimed at.
+        arm: the record of the arm.
+        paths: samples of the paths of all discs, ``(samples, discs, 2)``, m.
+        disc: index of the one to fill in.
     """
-    x, y = _spawn(generator, radius, move)
+    x, y = _spawn(generator, draw, arm)
     if kind == _WANDER:
-        _wander(generator, WANDER_SPEED if math.isnan(speed) else speed, move, x, y, path)
+        _wander(generator, WANDER_SPEED if math.isnan(draw.speed) else draw.speed, draw, arm, x, y, paths, disc)
     else:
-        _follow_legs(generator, kind, speed, move, x, y, path)
+        _follow_legs(generator, kind, draw.speed, draw, arm, x, y, paths, disc)
 
 
-@njit(cache=True, nogil=True)
-def _spawn(generator: Any, radius: float, move: StraightMove) -> tuple[float, float]:
+@inlined
+def draw_kind(generator: Any) -> int:
+    """Draw an index into `KINDS`."""
+    return int(_below(generator.bit_generator, len(KINDS) - 1))
+
+
+@private
+def _spawn(generator: Any, draw: Any, arm: Any) -> tuple[float, float]:
     """Draw a start position of a disc, clear of the arm and of the goal."""
-    base = np.zeros(2)
     while True:
         x, y = _anywhere(generator, NEAREST + WALL, FARTHEST)
-        off_goal = math.hypot(x - move.goal[0], y - move.goal[1]) - radius - move.link_radius
-        off_arm = clearance_single(move.lengths, base, move.link_radius, move.start, x, y, radius)
+        off_goal = math.hypot(x - draw.at[0], y - draw.at[1]) - draw.radius - arm.unit_link_radius
+        off_arm = clearance_single(arm.unit_lengths, arm.origin, arm.unit_link_radius, draw.start, x, y, draw.radius)
         if min(off_goal, off_arm) >= SPAWN_CLEARANCE:
             return x, y
 
 
-@njit(cache=True, nogil=True)
-def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x: float, y: float, path: Array) -> None:
+@private
+def _follow_legs(
+    generator: Any, kind: int, speed: float, draw: Any, arm: Any, x: float, y: float, paths: Array, disc: int
+) -> None:
     """Write a path leg by leg; the velocity follows the leg's with a lag."""
     follow = 1.0 - math.exp(-PATH_STEP / LAG)
     pace, vx, vy, end_x, end_y = speed, 0.0, 0.0, x, y
-    for sample in range(path.shape[0]):
-        path[sample, 0], path[sample, 1] = x, y
-        if math.hypot(end_x - x, end_y - y) < ARRIVED:
+    for sample in range(paths.shape[0]):
+        paths[sample, disc, 0], paths[sample, disc, 1] = x, y
+        far = math.hypot(end_x - x, end_y - y)
+        if far < ARRIVED:
             if math.isnan(speed) and (sample == 0 or kind == _WAYPOINTS):
                 pace = SLOWEST + (FASTEST - SLOWEST) * generator.random()
-            end_x, end_y = _next_leg(generator, kind, pace, move, sample * PATH_STEP, x, y)
-        far = max(math.hypot(end_x - x, end_y - y), 1e-9)
+            end_x, end_y = _next_leg(generator, kind, pace, draw, arm, sample * PATH_STEP, x, y)
+            far = max(math.hypot(end_x - x, end_y - y), 1e-9)
         share = 1.0 if sample == 0 else follow
         vx += share * (pace * (end_x - x) / far - vx)
         vy += share * (pace * (end_y - y) / far - vy)
@@ -155,13 +130,13 @@ def _follow_legs(generator: Any, kind: int, speed: float, move: StraightMove, x:
 
 @inlined
 def _next_leg(
-    generator: Any, kind: int, pace: float, move: StraightMove, now: float, x: float, y: float
+    generator: Any, kind: int, pace: float, draw: Any, arm: Any, now: float, x: float, y: float
 ) -> tuple[float, float]:
     """End of the leg that begins at (x, y): aimed at the arm or, where the base is in the way, anywhere."""
     end_x, end_y = x, y
     if kind == _PASSES or now == 0.0 or generator.random() < AIMED:
         for _ in range(AIMS):
-            at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, now, x, y)
+            at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * generator.random(), pace, now, x, y)
             way = math.hypot(at_x - x, at_y - y)
             beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * generator.random()
             end_x, end_y = _clear_end(x, y, at_x, at_y, way + beyond)
@@ -175,15 +150,15 @@ def _next_leg(
 
 
 @private
-def _lead(move: StraightMove, point: float, pace: float, now: float, x: float, y: float) -> tuple[float, float]:
+def _lead(draw: Any, arm: Any, point: float, pace: float, now: float, x: float, y: float) -> tuple[float, float]:
     """Place of a point of the moving arm, ``point`` links from the base, when the disc arrives there."""
     at_x = at_y = 0.0
     arrival = now
     for _ in range(LEAD_ITERATIONS):
-        share = trapezoid_share(move.top, move.ramp, arrival)
-        inner = move.start[0] + share * move.change[0]
-        outer = inner + move.start[1] + share * move.change[1]
-        upper, fore = min(point, 1.0) * move.lengths[0], max(point - 1.0, 0.0) * move.lengths[1]
+        share = trapezoid_share(draw.top, draw.ramp, arrival)
+        inner = draw.start[0] + share * draw.change[0]
+        outer = inner + draw.start[1] + share * draw.change[1]
+        upper, fore = min(point, 1.0) * arm.unit_lengths[0], max(point - 1.0, 0.0) * arm.unit_lengths[1]
         at_x = upper * math.cos(inner) + fore * math.cos(outer)
         at_y = upper * math.sin(inner) + fore * math.sin(outer)
         arrival = now + math.hypot(at_x - x, at_y - y) / pace
@@ -203,23 +178,27 @@ def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> t
     return x + length * along_x, y + length * along_y
 
 
-@njit(cache=True, nogil=True)
-def _wander(generator: Any, pace: float, move: StraightMove, x: float, y: float, path: Array) -> None:
+@private
+def _wander(generator: Any, pace: float, draw: Any, arm: Any, x: float, y: float, paths: Array, disc: int) -> None:
     """Write a path whose velocity follows, with a lag, an Ornstein-Uhlenbeck process around zero."""
     keep, follow = math.exp(-PATH_STEP / CORRELATION_TIME), 1.0 - math.exp(-PATH_STEP / LAG)
     root = pace / math.sqrt(2.0)
     fresh = root * math.sqrt(1.0 - keep * keep)
-    at_x, at_y = _lead(move, 0.5 + 1.5 * generator.random(), pace, 0.0, x, y)
+    at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * generator.random(), pace, 0.0, x, y)
     far = max(math.hypot(at_x - x, at_y - y), 1e-9)
     wanted_x, wanted_y = pace * (at_x - x) / far, pace * (at_y - y) / far
     vx, vy = wanted_x, wanted_y
-    for sample in range(path.shape[0]):
-        path[sample, 0], path[sample, 1] = x, y
-        away = math.hypot(x, y)
-        push = WALL_STIFFNESS * (max(0.0, NEAREST + WALL - away) - max(0.0, away - FARTHEST + WALL)) / away
-        wanted_x = keep * wanted_x + fresh * generator.standard_normal() + PATH_STEP * push * x
-        wanted_y = keep * wanted_y + fresh * generator.standard_normal() + PATH_STEP * push * y
-        too_fast = max(1.0, math.hypot(wanted_x, wanted_y) / FASTEST)
+    for sample in range(paths.shape[0]):
+        paths[sample, disc, 0], paths[sample, disc, 1] = x, y
+        wanted_x = keep * wanted_x + fresh * generator.standard_normal()
+        wanted_y = keep * wanted_y + fresh * generator.standard_normal()
+        if not _INSIDE < x * x + y * y < _OUTSIDE:  # at a wall
+            away = math.hypot(x, y)
+            push = WALL_STIFFNESS * (max(0.0, NEAREST + WALL - away) - max(0.0, away - FARTHEST + WALL)) / away
+            wanted_x, wanted_y = wanted_x + PATH_STEP * push * x, wanted_y + PATH_STEP * push * y
+        too_fast = 1.0
+        if wanted_x * wanted_x + wanted_y * wanted_y > _NOT_FAST:
+            too_fast = max(1.0, math.hypot(wanted_x, wanted_y) / FASTEST)
         vx += follow * (wanted_x / too_fast - vx)
         vy += follow * (wanted_y / too_fast - vy)
         x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)

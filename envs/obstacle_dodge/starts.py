@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_path, follow_points, straight_move
+from envs.batch.generators import WORDS, addresses_of, generator_at
+from envs.batch.pool import BATCH, COUNT, Words, job_of, work_on_all
+from envs.batch.records import Records
+from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_kind, draw_path, follow_points
 from envs.obstacle_dodge.scale import Scale
+from envs.physics.episode import table_of
+from envs.physics.rigid_bodies import model_record
 from envs.settings import Settings
 from planners import Arm, JointLimits
+from planners.compiled.calls import Kernel, inlined, private
+from planners.motion.time_laws import trapezoid
 from planners.robot.kinematics import turned_towards
 from planners.typing import Array
 
@@ -62,15 +69,15 @@ class Episode(NamedTuple):
 
     Attributes:
         start: joint angles, ``(2,)``, rad.
-        goal: of the hand, ``(2,)``, m from the base.
+        goal: of the hand, ``(2,)``, m.
         radius: of the discs, m.
-        path: of the discs, ``(samples, discs, 2)``, m from the base.
+        path: of the discs, ``(samples, discs, 2)``, m, as the bytes of float64.
     """
 
     start: Array
     goal: Array
     radius: float
-    path: Array
+    path: bytes
 
 
 OBSTACLE_RADIUS = 0.10
@@ -78,6 +85,35 @@ OBSTACLE_RADIUS = 0.10
 
 
 _TRIES = 10_000
+_DRAWN, _NO_POSTURE, _NO_PAIR = range(3)
+
+
+_DRAW = np.dtype(
+    [
+        ("generator", "i8", (WORDS,)),
+        ("table", "i8"),
+        ("kind", "i8"),
+        ("found", "i8"),
+        ("speed", "f8"),
+        ("radius", "f8"),
+        ("start", "f8", (2,)),
+        ("end", "f8", (2,)),
+        ("goal", "f8", (2,)),
+        ("at", "f8", (2,)),
+        ("change", "f8", (2,)),
+        ("top", "f8"),
+        ("ramp", "f8"),
+    ],
+    align=True,
+)
+"""A start that is drawn, and from what.
+
+`generator` and `table` are the addresses of the random numbers and of the path, 0 if the path is given; `kind` that of
+the discs, or -1; `found` says whether there is a start. `speed` of the discs, or NaN, and `radius` are in the units of
+the arm. `start` and `end` are the postures at the start and with the hand at the `goal`, rad and m, drawn where they
+are NaN. The discs are aimed at a straight move: its `change` of the posture, `top` speed, `ramp` time, and the hand
+`at` its end, in the units of the arm.
+"""
 
 
 class DodgeStarts:
@@ -92,66 +128,88 @@ class DodgeStarts:
     """
 
     def __init__(self, arm: Arm, limits: JointLimits, samples: int, discs: int, scale: Scale) -> None:
-        self._arm, self._limits, self._samples, self._discs, self._scale = arm, limits, samples, discs, scale
-        reach = np.minimum(arm.limits.angle_half, np.pi)
-        self._lowest, self._highest = arm.limits.angle_middle - reach, arm.limits.angle_middle + reach
+        self._arm, self._samples, self._discs, self._scale = arm, samples, discs, scale
+        self._jobs: dict[Kernel, Words] = {}
+        middle, reach = arm.limits.angle_middle, np.minimum(arm.limits.angle_half, np.pi)
+        self._numbers = model_record(
+            {
+                "lengths": arm.lengths,
+                "base": arm.base,
+                "lowest": middle - reach,
+                "highest": middle + reach,
+                "lower": arm.limits.angle_lower,
+                "upper": arm.limits.angle_upper,
+                "velocity": limits.velocity,
+                "acceleration": limits.acceleration,
+                "length": scale.length,
+                "time": scale.time,
+                "unit_lengths": arm.length_array / scale.length,
+                "unit_link_radius": arm.link_radius / scale.length,
+                "origin": (0.0, 0.0),
+                "samples": samples,
+                "discs": discs,
+            }
+        )
 
-    def draw(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> Episode:
-        """Draw an episode, or take what the options give of it.
+    def draw(self, generators: Sequence[np.random.Generator], options: ObstacleDodgeOptions) -> list[Episode]:
+        """Draw an episode for each generator, or take what the options give of it.
 
         Raises:
             ValueError: for options out of reach or range, in contact, or with paths for another number of discs.
         """
-        start, end = self._draw_move(generator, options)
-        length, speed_unit = self._scale.length, self._scale.length / self._scale.time
-        radius = length * OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
-        speed = None if options.obstacle_speed is None else options.obstacle_speed / speed_unit
-        move = straight_move(self._arm, self._limits, start, end).in_units(length, self._scale.time)
-        samples, discs = self._samples, self._discs
-        path = np.empty((samples, discs, 2))
-        given = options.obstacle_paths
-        if given is not None and len(given) != discs:
-            raise ValueError(f"obstacle_paths holds {len(given)} paths for {discs} discs; give one per disc")
-        for disc in range(discs):
-            kind = KINDS.index(options.obstacle_kind) if options.obstacle_kind else int(generator.integers(len(KINDS)))
-            if given is None:
-                one = np.empty((samples, 2))
-                draw_path(generator, kind, math.nan if speed is None else speed, radius / length, move, one)
-                path[:, disc] = one
-            else:
-                path[:, disc] = follow_points(np.array(given[disc]) / length, speed or 0.5 * FASTEST, samples)
-        path *= length
-        if given is not None:  # what is drawn begins clear of the arm
-            self._require_clear(start, path[0], radius)
-        return Episode(start, length * move.goal, radius, path)
-
-    def _draw_move(self, generator: np.random.Generator, options: ObstacleDodgeOptions) -> tuple[Array, Array]:
-        """The posture at the start, and one with the hand at the goal, on the same side of the elbow if possible."""
+        length, given = self._scale.length, options.obstacle_paths
+        if given is not None and len(given) != self._discs:
+            raise ValueError(f"obstacle_paths holds {len(given)} paths for {self._discs} discs; give one per disc")
         if options.start is not None:
             self._require_in_range(options.start)
-        for _ in range(_TRIES):
-            start = self._draw_posture(generator) if options.start is None else np.array(options.start)
-            if options.goal is not None:
-                return start, self._posture_at(options.goal, start)
-            end = self._draw_posture(generator)
-            end[1] = math.copysign(end[1], start[1])
-            apart = np.hypot(*(self._arm.forward_kinematics(end) - self._arm.forward_kinematics(start)))
-            if apart >= self._scale.length * LEAST_DISTANCE and self._arm.limits.within(end):
-                return start, end
-        raise ValueError(
-            f"hardly any two postures of {self._arm.name} within its joint ranges, {self._arm.limits.angle_text}, have "
-            f"hands {self._scale.length * LEAST_DISTANCE:.3g} m apart with the elbow on one side; widen the ranges"
-        )
+        radius = length * OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
+        speed = math.nan if options.obstacle_speed is None else options.obstacle_speed / (length / self._scale.time)
+        draws = np.zeros(len(generators), _DRAW)
+        draws["kind"] = KINDS.index(options.obstacle_kind) if options.obstacle_kind else -1
+        draws["speed"], draws["radius"] = speed, radius / length
+        draws["start"], draws["end"] = math.nan if options.start is None else options.start, math.nan
+        draws["generator"] = [addresses_of(generator) for generator in generators]
+        if options.goal is not None:
+            self._work(draws, _DRAW_POSTURE)
+            for draw in draws:
+                draw["end"] = self._posture_at(options.goal, draw["start"])
+        size, paths = 8 * 2 * self._samples * self._discs, [b""] * len(draws)
+        if given is None:
+            paths = [bytes(size) for _ in draws]  # nobody else has them yet: they are written once, here
+            draws["table"] = [np.frombuffer(path).__array_interface__["data"][0] for path in paths]
+        self._work(draws, _DRAW_EPISODE)
+        if given is not None:  # what is drawn begins clear of the arm
+            pace = 0.5 * FASTEST if math.isnan(speed) else speed
+            lines = [follow_points(np.array(points) / length, pace, self._samples) for points in given]
+            path = length * np.stack(lines, axis=1) + self._arm.base_array
+            for draw in draws:
+                self._require_clear(draw["start"], path[0], radius)
+            paths = [path.tobytes()] * len(paths)
+        every = zip(draws["start"], draws["goal"], paths, strict=True)
+        return [Episode(start, goal, radius, path) for start, goal, path in every]
 
-    def _draw_posture(self, generator: np.random.Generator) -> Array:
-        for _ in range(_TRIES):
-            q = generator.uniform(self._lowest, self._highest)
-            if abs(q[1]) >= LEAST_ELBOW:
-                return q
-        raise ValueError(
-            f"hardly any posture of {self._arm.name} within its joint ranges, {self._arm.limits.angle_text}, has an "
-            f"elbow bent by {LEAST_ELBOW} rad; widen the ranges"
-        )
+    def _work(self, draws: Records, kernel: Kernel) -> None:
+        """Let a kernel fill in what is to be drawn; a ValueError if nothing is found."""
+        if kernel not in self._jobs:
+            self._jobs[kernel] = job_of(kernel, draws, self._numbers)
+        job = self._jobs[kernel]
+        job[BATCH], job[COUNT] = draws.ctypes.data, len(draws)
+        work_on_all(job, len(draws), envs_per_thread=1)
+        if draws["found"].any():
+            self._require(int(draws["found"].max()))
+
+    def _require(self, found: int) -> None:
+        """Raise a ValueError if no start has been found."""
+        ranges = f"{self._arm.name} within its joint ranges, {self._arm.limits.angle_text}"
+        if found == _NO_POSTURE:
+            raise ValueError(
+                f"hardly any posture of {ranges}, has an elbow bent by {LEAST_ELBOW} rad; widen the ranges"
+            )
+        if found == _NO_PAIR:
+            raise ValueError(
+                f"hardly any two postures of {ranges}, have hands {self._scale.length * LEAST_DISTANCE:.3g} m apart "
+                "with the elbow on one side; widen the ranges"
+            )
 
     def _posture_at(self, goal: Pair, start: Array) -> Array:
         """The posture with the hand at a goal: on the start's side of the elbow, if the ranges allow it."""
@@ -166,9 +224,107 @@ class DodgeStarts:
         if not self._arm.limits.within(start):
             raise ValueError(f"start {list(start)} rad leaves the joint ranges, {self._arm.limits.angle_text}")
 
-    def _require_clear(self, start: Array, discs: NDArray[np.float64], radius: float) -> None:
+    def _require_clear(self, start: Array, discs: Array, radius: float) -> None:
         for disc in discs:
-            gap = self._arm.clearance(start, disc + self._arm.base_array, radius)
+            gap = self._arm.clearance(start, disc, radius)
             if gap <= 0.0:
-                x, y = disc
+                x, y = disc - self._arm.base_array
                 raise ValueError(f"the disc at ({x:.4g}, {y:.4g}) m touches the arm at the start; begin further away")
+
+
+def _draw_episodes(draws: Any, arms: Any, first: int, last: int) -> None:
+    """Draw the ends of the moves and the paths of the discs."""
+    for index in range(first, last):
+        draw, arm = draws[index], arms[0]
+        generator = generator_at(draw.generator)
+        draw.found = _DRAWN
+        if math.isnan(draw.end[0]):
+            draw.found = _draw_ends(generator, draw, arm)
+        if draw.found == _DRAWN:
+            _aim_at(draw, arm)
+            _draw_discs(generator, draw, arm)
+
+
+@inlined
+def _draw_ends(generator: Any, draw: Any, arm: Any) -> int:
+    """Draw two postures with the elbow on one side and the hands apart, the first only if it is not given."""
+    anywhere, before, after, end = math.isnan(draw.start[0]), draw.at, draw.change, draw.end
+    for _ in range(_TRIES):
+        if anywhere and not _draw_posture(generator, arm, draw.start):
+            return _NO_POSTURE
+        if not _draw_posture(generator, arm, end):
+            return _NO_POSTURE
+        end[1] = math.copysign(end[1], draw.start[1])
+        _hand(arm, draw.start, before)
+        _hand(arm, end, after)
+        apart = math.hypot(after[0] - before[0], after[1] - before[1])
+        if apart >= arm.length * LEAST_DISTANCE and _within(arm, end):
+            return _DRAWN
+    return _NO_PAIR
+
+
+@inlined
+def _aim_at(draw: Any, arm: Any) -> None:
+    """Write the goal, and the straight move to it."""
+    _hand(arm, draw.end, draw.goal)
+    for axis in range(2):
+        goal = draw.goal[axis] - arm.base[axis]
+        draw.at[axis] = goal / arm.length
+        draw.goal[axis] = goal + arm.base[axis]
+        draw.change[axis] = draw.end[axis] - draw.start[axis]
+    top, ramp = trapezoid(draw.change, arm.velocity, arm.acceleration)
+    draw.top, draw.ramp = top * arm.time, ramp / arm.time
+
+
+@inlined
+def _draw_discs(generator: Any, draw: Any, arm: Any) -> None:
+    """Write the paths of the discs, or draw no more than their kinds where the paths are given."""
+    path = table_of(draw, (arm.samples, arm.discs, 2))
+    for disc in range(arm.discs):
+        kind = draw.kind
+        if kind < 0:
+            kind = draw_kind(generator)
+        if draw.table != 0:
+            draw_path(generator, kind, draw, arm, path, disc)
+    for sample in range(arm.samples if draw.table != 0 else 0):
+        for disc in range(arm.discs):
+            for axis in range(2):
+                path[sample, disc, axis] = arm.length * path[sample, disc, axis] + arm.base[axis]
+
+
+def _draw_postures(draws: Any, arms: Any, first: int, last: int) -> None:
+    """Draw the postures at the start that are not given."""
+    for index in range(first, last):
+        draw = draws[index]
+        if math.isnan(draw.start[0]) and not _draw_posture(generator_at(draw.generator), arms[0], draw.start):
+            draw.found = _NO_POSTURE
+
+
+_DRAW_EPISODE, _DRAW_POSTURE = Kernel(_draw_episodes, error_model="numpy"), Kernel(_draw_postures)
+
+
+@private
+def _draw_posture(generator: Any, arm: Any, q: Array) -> bool:
+    """Draw joint angles ``(2,)`` with a bent elbow; whether one has been found."""
+    for _ in range(_TRIES):
+        for i in range(2):
+            q[i] = arm.lowest[i] + (arm.highest[i] - arm.lowest[i]) * generator.random()
+        if abs(q[1]) >= LEAST_ELBOW:
+            return True
+    return False
+
+
+@inlined
+def _within(arm: Any, q: Array) -> bool:
+    """Whether joint angles are within their ranges."""
+    return bool(arm.lower[0] <= q[0] <= arm.upper[0] and arm.lower[1] <= q[1] <= arm.upper[1])
+
+
+@private
+def _hand(arm: Any, q: Array, hand: Array) -> None:
+    """Write the position of the hand, ``(2,)``, m."""
+    hand[0], hand[1], phi = arm.base[0], arm.base[1], 0.0
+    for i in range(2):
+        phi += q[i]
+        hand[0] += arm.lengths[i] * math.cos(phi)
+        hand[1] += arm.lengths[i] * math.sin(phi)

@@ -16,20 +16,23 @@ from envs.obstacle_dodge.paths import (
     NEAREST,
     PATH_STEP,
     SPAWN_CLEARANCE,
-    draw_path,
     follow_points,
-    straight_move,
 )
+from envs.obstacle_dodge.scale import Scale
+from envs.obstacle_dodge.starts import LEAST_ELBOW, DodgeStarts, ObstacleDodgeOptions
 from planners import SCARA_50CM, FixedJoints, MotionProblem, trapezoid
 
 START, END = np.array([-0.5, 1.0]), np.array([1.2, 1.4])
 
 
-def drawn(seed: int, kind: int, speed: float = math.nan) -> np.ndarray:
-    path = np.empty((801, 2))
-    move = straight_move(SCARA_50CM, SCARA_50CM.limits, START, END)
-    draw_path(np.random.default_rng(seed), kind, speed, 0.1, move, path)
-    return path
+def drawn(seed: int, kind: int, speed: float | None = None) -> np.ndarray:
+    goal = SCARA_50CM.forward_kinematics(END)
+    options = ObstacleDodgeOptions(
+        start=tuple(START), goal=tuple(goal), obstacle_kind=KINDS[kind], obstacle_speed=speed
+    )
+    starts = DodgeStarts(SCARA_50CM, SCARA_50CM.limits, 801, 1, Scale(1.0, 1.0))
+    (episode,) = starts.draw([np.random.default_rng(seed)], options)
+    return np.frombuffer(episode.path).reshape(801, 2)
 
 
 @given(st.integers(0, 10**6), st.sampled_from(range(len(KINDS))))
@@ -86,3 +89,26 @@ def test_points_are_followed_at_constant_speed_up_to_the_last() -> None:
     np.testing.assert_allclose(path[100], [0.5, 1.0], atol=1e-12)
     np.testing.assert_allclose(path[250], [1.0, 0.75], atol=1e-12)
     np.testing.assert_allclose(path[301:], np.tile([1.0, 0.5], (500, 1)), atol=1e-12)
+
+
+def test_starts_drawn_together_equal_those_drawn_one_by_one() -> None:
+    starts, options = DodgeStarts(SCARA_50CM, SCARA_50CM.limits, 801, 2, Scale(1.0, 1.0)), ObstacleDodgeOptions()
+    together = starts.draw([np.random.default_rng(seed) for seed in range(20)], options)
+    for seed, episode in enumerate(together):
+        generator = np.random.default_rng(seed)
+        (alone,) = starts.draw([generator], options)
+        assert alone.path == episode.path
+        np.testing.assert_array_equal(alone.goal, episode.goal)
+
+
+def test_the_random_numbers_are_those_of_numpy() -> None:
+    """The first that are drawn are two joint angles, uniform over the ranges, and drawn again for a straight elbow."""
+    starts = DodgeStarts(SCARA_50CM, SCARA_50CM.limits, 801, 1, Scale(1.0, 1.0))
+    limits = SCARA_50CM.limits
+    for seed in range(10):
+        (episode,) = starts.draw([np.random.default_rng(seed)], ObstacleDodgeOptions(goal=(0.3, 0.5)))
+        generator = np.random.default_rng(seed)
+        q = np.zeros(2)
+        while abs(q[1]) < LEAST_ELBOW:
+            q = generator.uniform(np.maximum(limits.angle_lower, -np.pi), np.minimum(limits.angle_upper, np.pi))
+        np.testing.assert_array_equal(episode.start, q)
