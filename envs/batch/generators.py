@@ -7,7 +7,6 @@ records that threads work on. The generator must live as long as they are used.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Hashable
 from functools import cache
 from typing import Any
 
@@ -23,14 +22,13 @@ WORDS = 4
 def addresses_of(generator: np.random.Generator) -> tuple[int, ...]:
     """The addresses of a generator: its state, and the functions that give its next numbers."""
     bits: Any = generator.bit_generator
-    kind: Hashable = type(bits)
-    return (bits.ctypes.state_address, *_functions(kind))
+    return (bits.ctypes.state_address, *_functions(type(bits).__name__))
 
 
 @cache
-def _functions(kind: Any) -> tuple[int, ...]:
-    """The addresses of the functions that all bit generators of a kind share."""
-    made = kind(0).ctypes
+def _functions(kind: str) -> tuple[int, ...]:
+    """The addresses of the functions that all bit generators of a kind, ``"PCG64"``, share."""
+    made = getattr(np.random, kind)(0).ctypes
     every = made.next_uint64, made.next_uint32, made.next_double
     return tuple(int(ctypes.cast(one, ctypes.c_void_p).value or 0) for one in every)
 
