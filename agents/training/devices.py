@@ -1,4 +1,4 @@
-"""Where the networks of a run are trained: the device and the number of threads of PyTorch."""
+"""Where the networks of a run are trained: the device and the number of threads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import os
 
 import torch
 
-from agents.training.recipe import TrainingConfig
+from agents.training.gradients import chunks
+from agents.training.recipe import PPOConfig, TrainingConfig
 
 LARGE_BATCH = 4096  # samples of a minibatch from which a GPU, or more threads on many processors, are faster
 MANY_PROCESSORS, MOST_THREADS = 8, 8
@@ -22,13 +23,16 @@ def resolved(config: TrainingConfig) -> TrainingConfig:
     device, threads = config.device, config.threads
     if device == "auto":
         device = "cuda" if large and torch.cuda.is_available() else "cpu"
-    if threads == "auto":
+    if threads == "auto" and isinstance(config, PPOConfig):
+        fits = [config.batch_size, *(fit.batch_size for fit in (config.warm_start, config.amortise) if fit)]
+        threads = min(processors(), MOST_THREADS, len(chunks(max(fits))))
+    elif threads == "auto":
         threads = min(processors() // 2, MOST_THREADS) if large and processors() >= MANY_PROCESSORS else 1
     return config.model_copy(update={"device": device, "threads": threads})
 
 
 def use(config: TrainingConfig) -> None:
-    """Set PyTorch to the threads of a resolved recipe.
+    """Set PyTorch to the threads of a resolved recipe; PPO shares its minibatches among threads itself.
 
     Raises:
         ValueError: if its device is missing.
@@ -38,7 +42,12 @@ def use(config: TrainingConfig) -> None:
             f"device cuda: PyTorch {torch.__version__} finds no GPU that it can use; take device=cpu, or install "
             "PyTorch with CUDA and a driver"
         )
-    torch.set_num_threads(int(config.threads))
+    torch.set_num_threads(1 if isinstance(config, PPOConfig) else thread_count(config))
+
+
+def thread_count(config: TrainingConfig) -> int:
+    """The threads of a recipe as a number, on this machine if they are ``auto``."""
+    return int(resolved(config).threads)
 
 
 def processors() -> int:

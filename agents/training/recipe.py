@@ -106,7 +106,8 @@ class TrainingConfig(Settings):
         env_config: its settings.
         seed: of all random numbers.
         device: where the networks are trained; ``auto`` is cuda where PyTorch finds it, for large minibatches.
-        threads: of PyTorch; ``auto`` is one for small minibatches or few processors.
+        threads: of PyTorch; ``auto`` is one for small minibatches or few processors, and for PPO as many as share its
+            minibatches well.
         total_steps: control steps of all environments together.
         num_envs: environments stepped at once.
         rollout_steps: control steps an environment takes between two updates.

@@ -15,6 +15,8 @@ import torch
 from numpy.typing import NDArray
 
 from agents.environments import VectorEnv, make_batch
+from agents.training.algorithms.ppo import mean_action
+from agents.training.devices import thread_count
 from agents.training.recipe import Amortisation, PPOConfig
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -100,11 +102,12 @@ def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = No
     inner = list(policy.mlp_extractor.policy_net.parameters())
     # An action of 1 is several radians. This makes the last layer's steps in radians as large as the others'.
     last_rate = 1.0 / SHAPE_SCALE * plan.learning_rate
-    optimizer = torch.optim.Adam([{"params": inner, "lr": plan.learning_rate}, {"params": last, "lr": last_rate}])
+    groups = [{"params": inner, "lr": plan.learning_rate}, {"params": last, "lr": last_rate}]
+    optimizer = torch.optim.Adam(groups, fused=True)
 
     def loss(batch: Minibatch) -> torch.Tensor:
         moves = observations[batch]
-        return cost(moves, policy.get_distribution(moves).distribution.mean).mean()
+        return cost(moves, mean_action(policy, moves)).mean()
 
     def rate(update: int) -> float:
         return 1.0 - 0.999 * update / plan.updates
@@ -117,7 +120,17 @@ def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = No
         optimizer.load_state_dict(state["optimizer"])
         generator.bit_generator.state = state["generator"]
         done = int(state["updates"])
-    steps = gradient_steps(optimizer, loss, len(observations), plan, generator, first=done, rate=rate, max_norm=1.0)
+    steps = gradient_steps(
+        optimizer,
+        loss,
+        len(observations),
+        plan,
+        generator,
+        threads=thread_count(config),
+        first=done,
+        rate=rate,
+        max_norm=1.0,
+    )
     for value in steps:
         costs.append(value)
         done += 1

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 import envs
 from agents.datasets.read import read_dataset
 from agents.environments import make_batch
+from agents.training.algorithms.ppo import mean_action
+from agents.training.devices import thread_count
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -36,7 +38,7 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
     if plan is None:
         return True
     generator = np.random.default_rng(seed)
-    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate)
+    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate, fused=True)
     observations = np.zeros((0, *policy.observation_space.shape), np.float32)
     labels = np.zeros((0, *policy.action_space.shape), np.float32)
     first = 0
@@ -57,16 +59,17 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
                 wanted = [episode.actions for episode in episodes]
             observations = np.concatenate([observations, *visited])
             labels = np.concatenate([labels, *wanted])
-            error = _fit_actions(policy, optimizer, (observations, labels), plan, iteration, generator) ** 0.5
-            samples = {"observations": torch.from_numpy(observations), "labels": torch.from_numpy(labels)}
-            stage.save("dagger", {**state_of(policy, optimizer, generator), **samples, "iterations": iteration + 1})
+            samples = observations, labels
+            error = _fit_actions(policy, optimizer, samples, plan, iteration, generator, thread_count(config)) ** 0.5
+            kept = {"observations": torch.from_numpy(observations), "labels": torch.from_numpy(labels)}
+            stage.save("dagger", {**state_of(policy, optimizer, generator), **kept, "iterations": iteration + 1})
             method = "DAgger" if plan.dataset is None else "behaviour cloning"
             line = f"{method}, {plan.source}: iteration {iteration + 1} of {plan.iterations}, error {error:.3f}"
             if not stage.report(line):
                 return False
         visited, _, rewards = collect(env, None, policy, seed + plan.iterations * plan.episodes)
     returns = np.concatenate(returns_to_go(rewards, config.gamma))
-    _fit_value(policy, np.concatenate(visited), returns, plan, generator)
+    _fit_value(policy, np.concatenate(visited), returns, plan, generator, thread_count(config))
     return True
 
 
@@ -117,23 +120,28 @@ def _fit_actions(
     plan: WarmStart,
     iteration: int,
     generator: np.random.Generator,
+    threads: int,
 ) -> float:
     """Regression of the mean action on the expert's actions; the mean squared error over the last tenth of it."""
     observations, labels = (torch.from_numpy(values) for values in samples)
 
     def loss(batch: Minibatch) -> torch.Tensor:
-        means = policy.get_distribution(observations[batch]).distribution.mean
-        return torch.nn.functional.mse_loss(means, labels[batch])
+        return torch.nn.functional.mse_loss(mean_action(policy, observations[batch]), labels[batch])
 
     def rate(update: int) -> float:
         return 1.0 - 0.99 * ((iteration + update / plan.updates) / plan.iterations)
 
-    losses = list(gradient_steps(optimizer, loss, len(observations), plan, generator, rate=rate))
+    losses = list(gradient_steps(optimizer, loss, len(observations), plan, generator, threads=threads, rate=rate))
     return float(np.mean(losses[-max(1, plan.updates // 10) :]))
 
 
 def _fit_value(
-    policy: Any, observations: NDArray[np.float32], returns: Array, plan: WarmStart, generator: np.random.Generator
+    policy: Any,
+    observations: NDArray[np.float32],
+    returns: Array,
+    plan: WarmStart,
+    generator: np.random.Generator,
+    threads: int,
 ) -> None:
     """Regression of the value on returns, so that the first updates of PPO do not undo the fit of the actions."""
     visited, wanted = torch.from_numpy(observations), torch.from_numpy(returns.astype(np.float32))
@@ -141,6 +149,6 @@ def _fit_value(
     def loss(batch: Minibatch) -> torch.Tensor:
         return torch.nn.functional.mse_loss(policy.predict_values(visited[batch])[:, 0], wanted[batch])
 
-    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate)
-    for _ in gradient_steps(optimizer, loss, len(visited), plan, generator):
+    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate, fused=True)
+    for _ in gradient_steps(optimizer, loss, len(visited), plan, generator, threads=threads):
         pass

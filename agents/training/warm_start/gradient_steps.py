@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from agents.training.gradients import Gradients
 from agents.training.recipe import Amortisation, WarmStart
 
 Minibatch = NDArray[np.int64]  # indices of samples
@@ -20,6 +22,7 @@ def gradient_steps(
     settings: WarmStart | Amortisation,
     generator: np.random.Generator,
     *,
+    threads: int,
     first: int = 0,
     rate: Callable[[int], float] = lambda update: 1.0,
     max_norm: float | None = None,
@@ -28,20 +31,26 @@ def gradient_steps(
 
     Args:
         optimizer: of the parameters; its first learning rates are those that ``rate`` scales.
-        loss: of a minibatch, which ``generator`` draws from so many ``samples``.
+        loss: mean loss of a part of a minibatch, which ``generator`` draws from so many ``samples``; called on several
+            threads at once.
         settings: number of updates, and size of a minibatch.
+        threads: on which the gradients are computed; their number does not change the result.
         first: number of the first update, of those that are left.
         rate: factor on the learning rates, by the number of the update.
         max_norm: a longer gradient is scaled down to this norm.
     """
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-    for update in range(first, settings.updates):
-        for group in optimizer.param_groups:
-            group["lr"] = group.setdefault("initial_lr", group["lr"]) * rate(update)
-        value = loss(generator.integers(samples, size=settings.batch_size))
-        optimizer.zero_grad()
-        value.backward()
-        if max_norm is not None:
-            torch.nn.utils.clip_grad_norm_(parameters, max_norm)
-        optimizer.step()
-        yield float(value.detach())
+    with Gradients(threads) as gradients:
+        for update in range(first, settings.updates):
+            for group in optimizer.param_groups:
+                group["lr"] = group.setdefault("initial_lr", group["lr"]) * rate(update)
+            batch = generator.integers(samples, size=settings.batch_size)
+            value = gradients.backward(parameters, len(batch), partial(_of_part, loss, batch))
+            if max_norm is not None:
+                torch.nn.utils.clip_grad_norm_(parameters, max_norm)
+            optimizer.step()
+            yield value
+
+
+def _of_part(loss: Callable[[Minibatch], torch.Tensor], batch: Minibatch, where: slice) -> torch.Tensor:
+    return loss(batch[where])
