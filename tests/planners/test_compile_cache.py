@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import reload
 from pathlib import Path
 from types import ModuleType
 
+import numba
 import pytest
 
 from planners import compile_cache
@@ -205,6 +208,30 @@ def test_a_module_that_is_loaded_again_runs_its_new_code(
     source.write_text(text + "# edited\n")
     reload(again_low)
     assert reload(module).again() == 22.0
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_no_garbage_is_collected_while_compiling(enabled: bool) -> None:
+    """Afterwards it is again, if it was before; also when compiling fails."""
+
+    def during() -> bool:
+        raise NotImplementedError
+
+    @numba.extending.overload(during)
+    def type_it() -> Callable[[], bool]:
+        seen.append(gc.isenabled())
+        return lambda: True
+
+    seen: list[bool] = []
+    (gc.enable if enabled else gc.disable)()
+    try:
+        numba.njit(lambda: during())()
+        with pytest.raises(numba.TypingError):
+            numba.njit(lambda: during() + "text")()
+        assert set(seen) == {False}
+        assert gc.isenabled() == enabled
+    finally:
+        gc.enable()
 
 
 FIRST_PLAN = """
