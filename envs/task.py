@@ -189,7 +189,7 @@ class Task(ABC):
         records = [self._batch.record(env_index) for env_index in env_indices]
         if len(generators) != len(records):
             raise ValueError(f"{len(generators)} generators for {len(records)} environments; give one for each")
-        starts = self.draw(generators, self.options_type.parse(options, f"{self.env_id} option"))
+        starts = self.draw(generators, self._parsed(options) if options else self._all_drawn)
         for record, start in zip(records, starts, strict=True):
             self.begin(record, start)
             record["begun"] = True
@@ -352,6 +352,14 @@ class Task(ABC):
             horizon=max(float(seen["time_left"][0]), self.config.control_period),
             **more,
         )
+
+    def _parsed(self, options: Options) -> Any:
+        return self.options_type.parse(options, f"{self.env_id} option")
+
+    @cached_property
+    def _all_drawn(self) -> Any:
+        """The options of an episode of which nothing is given."""
+        return self._parsed({})
 
     @cached_property
     def _common(self) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 import envs  # noqa: F401  (registers the ids)
 from envs import make_expert
+from envs.batch.pool import Pool, _work_together
 from envs.physics import chipmunk
 from planners.apf import dodge_accelerations, tuned_gains
 from planners.typing import Array
@@ -182,10 +183,10 @@ def measured(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.mark.usefixtures("measured")
-def test_a_step_costs_at_most_half_of_reacher() -> None:
+def test_a_step_costs_at_most_a_third_of_reacher() -> None:
     ours, reacher = fastest(steps("ConveyorTrack-v0"), steps("Reacher-v5"))
     print(f"ConveyorTrack-v0 {2e3 * ours:.1f} us a step, Reacher-v5 {2e3 * reacher:.1f} us: ratio {reacher / ours:.1f}")
-    assert reacher / ours >= 2.0
+    assert reacher / ours >= 3.0
 
 
 @pytest.mark.usefixtures("measured")
@@ -194,6 +195,74 @@ def test_the_batch_reaches_most_of_what_chipmunk_gives() -> None:
     rate = N_ENVS * PERIODS / ours
     print(f"{N_ENVS} environments: {rate:,.0f} control steps a second, {bare / ours:.0%} of bare Chipmunk")
     assert bare / ours >= 0.6
+
+
+# Environment, control mode, and required ratio of the rates of `step`, resets included, and of the physics alone.
+RESETS = [
+    ("ConveyorTrack-v0", "torque", 0.85),
+    ("ConveyorTrack-v0", "acceleration", 0.85),
+    ("ConveyorTrack-v0", "jerk", 0.85),
+    ("ConveyorTrack-v0", "velocity", 0.85),
+    ("MinTorqueMove-v0", "torque", 0.5),
+    ("MinTorqueMove-v0", "motion", 0.5),
+    ("ObstacleDodge-v0", "torque", 0.7),
+    ("ObstacleDodge-v0", "acceleration", 0.7),
+    ("ObstacleDodge-v0", "velocity", 0.75),
+    ("ExcavatorPayload-v0", "torque", 0.35),
+    ("ExcavatorPayload-v0", "residual", 0.85),
+]
+
+
+@pytest.mark.usefixtures("measured")
+@pytest.mark.parametrize(("env_id", "control_mode", "required"), RESETS)
+def test_a_step_of_the_batch_costs_little_more_than_its_physics(
+    env_id: str, control_mode: str, required: float
+) -> None:
+    """With automatic resets, under a policy that moves every other arm gently; in processor time of all threads."""
+    vector: Any = gym.make_vec(env_id, num_envs=N_ENVS, autoreset_mode="SameStep", control_mode=control_mode)
+    env, rounds, periods = vector.unwrapped, 12, 40
+    shape = (periods, *env.action_space.shape)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
+    actions[:, ::2] *= 0.1
+    env.reset(seed=0)
+    for step in range(min(env.task.horizon_steps, 400)):  # until the environments are at different times
+        env.step(actions[step % periods])
+    times, resets = np.empty((rounds, 2)), 0
+    for each in times:
+        began = time.process_time()
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            resets += np.count_nonzero(terminated | truncated)
+        each[0] = time.process_time() - began
+        state, began = env.get_state(), time.process_time()
+        for action in actions:
+            env.task.advance(action)
+        each[1] = time.process_time() - began
+        env.set_state(state)
+    whole, physics = np.sort(times, axis=0)[2] / (periods * N_ENVS)
+    print(
+        f"{env_id} {control_mode}: a step {1e6 * whole:.2f} us an environment, its physics {1e6 * physics:.2f} us: "
+        f"{physics / whole:.0%}, {resets / (rounds * periods):.1f} resets a step"
+    )
+    assert physics / whole >= required
+
+
+@pytest.mark.usefixtures("measured")
+def test_a_thread_that_helps_costs_little() -> None:
+    """What threads cost besides the work: a step in which every environment rests, in one slice and in many."""
+    env: Any = gym.make_vec("ConveyorTrack-v0", num_envs=N_ENVS).unwrapped
+    env.reset(seed=0)
+    env.task.advance(np.zeros((N_ENVS, 2)), np.ones(N_ENVS, dtype=np.bool_))
+    job, threads = env.task._batch._jobs["advance_batch"], Pool(1)
+
+    def repeated(size: int) -> Callable[[], None]:
+        return lambda: [_work_together(threads._words, job, 0, size) for _ in range(100)] and None
+
+    one, many = fastest(repeated(N_ENVS), repeated(1))
+    call, slice_time = 1e4 * one, 1e4 * (many - one) / (N_ENVS - 1)
+    print(f"a call {call:.2f} us, each slice {1e3 * slice_time:.0f} ns")
+    assert slice_time < 0.5
+    assert call < 5.0
 
 
 @pytest.mark.usefixtures("measured")
