@@ -47,6 +47,9 @@ _BUSY, _LEFT, _SLICES, _SLICE, _DONE, _WAITING, _FINISHED, _ERROR, _JOB = range(
 _HELPERS = _JOB + JOB_SIZE
 """Words that the threads share; then for each helper its lock, and whether it sleeps."""
 
+_START: Any = np.int64(0)  # no literal: for each of these Numba would compile once more
+_SHARED_JOB: Any = np.int64(_JOB)
+
 
 def _python_function(name: str, result: Any, *arguments: Any) -> Any:
     """A function of Python's C interface that does not need Python's lock, callable from compiled code."""
@@ -123,33 +126,35 @@ _raise: Any = intrinsic(_raise_error)
 
 
 @inlined
-def _work_on(job: Any, first: int, last: int) -> int:
+def _work_on(words: Any, job: int, first: int, last: int) -> int:
     """Work on environments ``first`` to ``last - 1``; the address of an error, or 0."""
-    if job[WORK] == NOTHING_TOLD:
-        error: int = _attempted(job[KERNEL], job[BATCH], job[COUNT], job[MODEL], first, last)
+    kernel, batch, count, model = words[job + KERNEL], words[job + BATCH], words[job + COUNT], words[job + MODEL]
+    if words[job + WORK] == NOTHING_TOLD:
+        error: int = _attempted(kernel, batch, count, model, first, last)
     else:
-        error = _attempted(job[KERNEL], job[BATCH], job[COUNT], job[MODEL], first, last, job[WORK])
+        error = _attempted(kernel, batch, count, model, first, last, words[job + WORK])
     return error
 
 
 @private
-def _work_on_range(job: Any, first: int, last: int) -> int:
-    """The same, but for environments that rest."""
-    if job[RESTING] == 0:
-        return _work_on(job, first, last)
-    resting = reals_at(job[RESTING])
-    for index in range(first, last):
-        if resting[index] == 0.0:
-            error = _work_on(job, index, index + 1)
+def _work_on_range(words: Any, job: int, first: int, last: int) -> int:
+    """The same, but for environments that rest; the words of the job begin at ``job``."""
+    address, index = words[job + RESTING], first
+    resting = reals_at(address)
+    while index < last:
+        end = last if address == 0 else index + 1
+        if address == 0 or resting[index] == 0.0:
+            error = _work_on(words, job, index, end)
             if error != 0:
                 return error
+        index = end
     return 0
 
 
 @njit(cache=True, nogil=True)
 def work(job: Words, first: int, last: int) -> None:
     """Let a job's kernel work on environments ``first`` to ``last - 1``, on this thread."""
-    _raise(_work_on_range(job, first, last))
+    _raise(_work_on_range(job, _START, first, last))
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +165,7 @@ def _work_together(words: Words, job: Words, helpers: int, size: int) -> None:
     """
     count = job[COUNT]
     if _exchange(words, _BUSY, 1) == 1:
-        _raise(_work_on_range(job, 0, count))
+        _raise(_work_on_range(job, _START, _START, count))
         return
     for word in range(JOB_SIZE):
         words[_JOB + word] = job[word]
@@ -192,9 +197,9 @@ def _take_slices(words: Any) -> None:
         if left <= 0:
             return
         # As long as this slice is not done, the job is the same.
-        slices, size, job = words[_SLICES], words[_SLICE], words[_JOB:_HELPERS]
+        slices, size = words[_SLICES], words[_SLICE]
         first = (slices - left) * size
-        error = _work_on_range(job, first, min(job[COUNT], first + size))
+        error = _work_on_range(words, _SHARED_JOB, first, min(words[_JOB + COUNT], first + size))
         if error != 0:
             words[_ERROR] = error
         if _add(words, _DONE, 1) + 1 == slices and _exchange(words, _WAITING, 0) == 1:
