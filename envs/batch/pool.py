@@ -40,6 +40,9 @@ JOB_SIZE = 6
 ENVS_PER_THREAD = 16
 """With fewer environments for each, waking another thread costs more than it brings."""
 
+BEGIN_THREADS = 64
+"""With fewer environments no threads are begun: to compile them takes longer than they save."""
+
 ENVS_PER_SLICE, SLICES_PER_THREAD = 4, 4
 """Least environments that a thread takes at once, and the slices for each thread if there are enough of them."""
 
@@ -284,7 +287,7 @@ def shared_pool() -> Pool:
 
 def work_on_all(job: Words, count: int, envs_per_thread: int = ENVS_PER_THREAD) -> None:
     """Let a job's kernel work on all of so many environments, with the threads of this process if they are many."""
-    if count < 2 * envs_per_thread:
+    if count < (2 * envs_per_thread if _pools else BEGIN_THREADS):
         work(job, 0, count)
     else:
         shared_pool().work(job, envs_per_thread)
