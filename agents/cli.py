@@ -37,6 +37,7 @@ COMMANDS = {
     "dataset": Command("agents.datasets.command", "DatasetOptions", "record episodes as a Minari dataset"),
     "warmup": Command("agents.commands.warmup", "WarmupOptions", "compile ahead of the first run, on two processors"),
     "train": Command("agents.commands.train", "TrainOptions", "train an agent with PPO, SAC or TD3, or continue a run"),
+    "sweep": Command("agents.sweeps.command", "SweepOptions", "train with many settings, side by side on Ray"),
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "submit": Command("agents.submissions.command", "SubmitOptions", "an agent of your own for the leaderboard"),
     "paper-dpct": Command("agents.papers.dpct", "ReportOptions", "the conveyor-tracking paper's results"),

@@ -21,6 +21,7 @@ VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 SEED_MOST = 2**62
 """The largest seed of a first episode."""
 
+_OWN: dict[str, None] = {}  # modules of tasks that `import_env` has imported
 _IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w./+-]*")
 
 
@@ -59,7 +60,15 @@ def import_before(text: str) -> str:
 
 def import_env(env_id: str) -> str:
     """The id of an environment, without the module in front of it, which is imported; raises as `import_before`."""
-    return import_before(env_id)
+    name = import_before(env_id)
+    if name != env_id:
+        _OWN[env_id.partition(":")[0]] = None
+    return name
+
+
+def own_modules() -> tuple[str, ...]:
+    """The modules that `import_env` has imported in this process, which another one needs for the same tasks."""
+    return tuple(_OWN)
 
 
 def check_seed(seed: int) -> int:

@@ -22,6 +22,7 @@ os.environ["PLANARM_PROCESSES"] = "1"  # pytest -n uses the processors itself
 MARKERS = {
     "rl": ("stable_baselines3", 'pip install "planarm[rl]"'),
     "moviepy": ("moviepy", "pip install moviepy"),
+    "cluster": ("ray", 'pip install "planarm[cluster]"'),
     "browser": ("playwright", "pip install playwright, and Chromium"),
 }
 """The module that tests with a marker need, and how to get it."""

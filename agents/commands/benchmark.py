@@ -7,8 +7,10 @@ from typing import Annotated, Any
 
 import tyro
 
+from agents.cluster import connected
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
+from agents.evaluation.spread import Workers
 from agents.report.outputs import ScoreOutputs, run_and_print
 from agents.yaml_config import assigned
 
@@ -30,6 +32,7 @@ class BenchmarkOptions(ScoreOutputs):
         $ planarm benchmark --policies agent apf runs/mine --tasks ObstacleDodge-v0
         $ planarm benchmark --policies my_module:make_policy model.zip dpct --tasks ConveyorTrack-v0 --allow-code
         $ planarm benchmark --tasks my_module:MyTask-v0 --options distance=0.3
+        $ planarm benchmark --full --num-envs 25 --address auto --json runs/leaderboard.json
     """
 
     config: str = SHIPPED_CONFIG
@@ -53,6 +56,10 @@ class BenchmarkOptions(ScoreOutputs):
     """key=value for each option of the reset, such as belt_speed=0.2."""
     num_envs: int | None = None
     """Episodes that run at once."""
+    address: str | None = None
+    """Spread the episodes over the workers of Ray: local for one a processor of this machine, auto for the cluster that
+    it belongs to, host:port of a cluster's head. Scores are the same to the bit; needs pip install
+    "planarm[cluster]"."""
     allow_code: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Load a Stable-Baselines3 .zip, and the statistics beside it, although any code in them is run."""
 
@@ -81,4 +88,9 @@ class BenchmarkOptions(ScoreOutputs):
 def run(options: BenchmarkOptions) -> int:
     """Run the benchmark, print the leaderboard, write what is asked for; the exit code."""
     config = options.resolve()
-    return run_and_print(Benchmark(config, allow_code=options.allow_code), options, options.shortness(config))
+    benchmark = Benchmark(config, allow_code=options.allow_code)
+    if options.address is None:
+        return run_and_print(benchmark, options, options.shortness(config))
+    with connected(options.address) as ray:
+        benchmark.workers = Workers.of(ray, benchmark)
+        return run_and_print(benchmark, options, options.shortness(config))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,9 +18,10 @@ from agents.environments import check_names, make_batch, task_type
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, BenchmarkTask
 from agents.evaluation.evaluate import Progress, evaluate
 from agents.evaluation.leaderboard import TaskResult
-from agents.evaluation.replays import record_replays
+from agents.evaluation.replays import record_replays, replays_of
 from agents.evaluation.results import Evaluation
 from agents.evaluation.scoreboard import Scoreboard, add_settings
+from agents.evaluation.spread import BOUNDS, Kind, Piece, Workers
 from agents.policies.lookup import SHIPPED, AnyPolicy, NamedPolicy, name_policies
 from agents.policies.policy import Actor
 from agents.yaml_config import load_config
@@ -43,6 +44,8 @@ class Benchmark:
         allow_code: whether models of Stable-Baselines3 may be loaded.
         given: policies that are no names or paths, by the names that ``config`` has for them.
         seeds: of the episodes of tasks, by title, in place of the seeds that follow from ``config``.
+        workers: of a cluster, over which everything is spread; this process does it all without. They know what
+            ``config`` names, not what is ``given``.
         board: the results.
     """
 
@@ -51,6 +54,7 @@ class Benchmark:
     allow_code: bool = False
     given: Mapping[str, AnyPolicy] = field(default_factory=dict)
     seeds: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    workers: Workers | None = None
     board: Scoreboard = field(default_factory=Scoreboard)
     _named: dict[tuple[str, ...], list[NamedPolicy]] = field(default_factory=dict)
 
@@ -139,22 +143,25 @@ class Benchmark:
             ahead: compiles the `jobs` of each task before its first episode; times include compilation without it.
         """
         ahead = ahead or CompileAhead([])
+        if self.workers is not None:
+            self.workers.start([piece for task in self.config.tasks for piece in self._pieces(task)])
         for task in self.config.tasks:
-            seeds, bound = self._seeds(task), envs.task_card(task.env).bound
             named = self.policies(task)
             begin(task.title)
             ahead.prepare(task.title, progress)
             compared = [each.name for each in named if each.own or not each.is_expert]
-            result = TaskResult(task, seeds, compared=tuple(compared) if self.compared is None else self.compared)
+            result = TaskResult(
+                task, self._seeds(task), compared=tuple(compared) if self.compared is None else self.compared
+            )
             self.board.results.append(result)
             for each in named:
                 begin(f"{task.title}: {each.name}")
                 with ahead.paused():
-                    result.evaluations.append(self._evaluate(task, each, seeds, progress))
+                    result.evaluations.append(Evaluation.joined(self._results(self._episodes_of(task, each), progress)))
                 add_settings(result, each)
-            if bound is not None and self._bounded(task):
+            if self._bounded(task):
                 begin(f"{task.title}: bound")
-                result.bounds = self._best_known(task, bound, seeds[: self._bounded(task)].tolist(), progress)
+                result.bounds = np.concatenate(self._results(self._bounds_of(task), progress))
             finished(result)
         self.board.complete = True
 
@@ -162,7 +169,58 @@ class Benchmark:
         """Record replays of what `fill` has scored, of the seeds that `seeds_to_record` chooses."""
         for result in self.board.results:
             begin(f"{result.task.title}: replays")
-            result.replays = record_replays(result, self.policies(result.task), self.config.replays, progress)
+            result.replays = record_replays(
+                result, self.config.replays, partial(self._replays_on, result.task, progress=progress)
+            )
+
+    def do(self, piece: Piece, progress: Progress = lambda ended: None) -> Any:
+        """Do a piece in this process: an `Evaluation`, bounds, or the documents of replays."""
+        task = next(task for task in self.config.tasks if task.title == piece.task)
+        seeds = np.array(piece.seeds, dtype=np.int64)
+        if piece.kind == "bounds":
+            bound = envs.task_card(task.env).bound
+            assert bound is not None
+            return self._best_known(task, bound, seeds.tolist(), progress)
+        named = next(each for each in self.policies(task) if each.name == piece.policy)
+        if piece.kind == "replay":
+            return replays_of(task, named, seeds.tolist(), progress)
+        return self._evaluate(task, named, seeds, progress)
+
+    def _results(self, pieces: Sequence[Piece], progress: Progress) -> list[Any]:
+        """What pieces give, in their order."""
+        if self.workers is not None:
+            return self.workers.results(pieces, progress)
+        return [self.do(piece, progress) for piece in pieces]
+
+    def _pieces(self, task: BenchmarkTask) -> list[Piece]:
+        """The pieces of a task without its replays, in the order in which they are needed."""
+        episodes = [piece for named in self.policies(task) for piece in self._episodes_of(task, named)]
+        return episodes + self._bounds_of(task)
+
+    def _episodes_of(self, task: BenchmarkTask, named: NamedPolicy) -> list[Piece]:
+        """The episodes of a policy, a piece a batch; one piece where this process does them all."""
+        return self._cut("episodes", task, named.name, self._seeds(task), self.config.num_envs)
+
+    def _bounds_of(self, task: BenchmarkTask) -> list[Piece]:
+        return self._cut("bounds", task, "", self._seeds(task)[: self._bounded(task)], BOUNDS)
+
+    def _replays_on(self, task: BenchmarkTask, seeds: Sequence[int], progress: Progress) -> list[dict[str, Any]]:
+        """The replays of every policy of a task on some seeds."""
+        pieces = [
+            piece
+            for named in self.policies(task)
+            for piece in self._cut("replay", task, named.name, np.array(seeds), 1)
+        ]
+        return [episode for episodes in self._results(pieces, progress) for episode in episodes]
+
+    def _cut(self, kind: Kind, task: BenchmarkTask, policy: str, seeds: NDArray[np.int64], size: int) -> list[Piece]:
+        """Pieces of so many episodes; a single one without workers."""
+        numbers = seeds.tolist()
+        size = size if self.workers is not None else max(1, len(numbers))
+        return [
+            Piece(kind, task.title, policy, tuple(numbers[first : first + size]))
+            for first in range(0, len(numbers), size)
+        ]
 
     def _comes_with_planarm(self, task: BenchmarkTask, named: NamedPolicy) -> bool:
         """Whether a policy is one of the task's experts or its shipped agent, by name."""

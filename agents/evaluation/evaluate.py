@@ -84,15 +84,7 @@ def evaluate(
                 acting = actor.policy  # an expert goes on with the next episodes
             results = _run_batch(actor, env, batch, dict(options or {}), progress or (lambda ended: None))
             parts.append(Evaluation(name, env_id, batch, *results))
-    return Evaluation(
-        policy=name,
-        env_id=env_id,
-        seeds=numbers,
-        returns=np.concatenate([part.returns for part in parts]),
-        lengths=np.concatenate([part.lengths for part in parts]),
-        metrics={key: np.concatenate([part.metrics[key] for part in parts]) for key in parts[0].metrics},
-        timing=sum((part.timing for part in parts), Timing()),
-    )
+    return Evaluation.joined(parts)
 
 
 def _run_batch(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.environments import make_one, task_type
+from agents.evaluation.benchmark_config import BenchmarkTask
 from agents.evaluation.compare import worst_first
 from agents.evaluation.leaderboard import TaskResult
 from agents.policies.lookup import NamedPolicy
@@ -40,30 +41,39 @@ def seeds_to_record(result: TaskResult, count: int) -> list[int]:
     return sorted(chosen)
 
 
-def record_replays(
-    result: TaskResult, policies: Sequence[NamedPolicy], count: int, progress: Callable[[int], object]
-) -> dict[str, Any] | None:
+Recorder = Callable[[Sequence[int]], list[dict[str, Any]]]  # the replays of every policy on some seeds, by policy
+
+
+def record_replays(result: TaskResult, count: int, record: Recorder) -> dict[str, Any] | None:
     """Replays of every policy on some seeds of a task, as a document; None for an environment that has no scenes.
 
     Each episode is run again, in a single environment, so that neither scores nor timings depend on the recording.
 
     Args:
         result: the scores of the task.
-        policies: those that were scored.
         count: number of seeds.
-        progress: called with 1 after each episode.
+        record: gives the replays of all policies on these seeds, as `replays_of` each of one.
     """
     if not count or task_type(result.task.env) is None:
         return None
-    seeds, episodes, view = seeds_to_record(result, count), [], ()
-    for named in policies:
-        with closing(make_one(result.task.env, named.settings(result.task.env_config))) as env:
-            view = env.unwrapped.task.view  # type: ignore[attr-defined]
-            for seed in seeds:
-                recorded = record_replay(env, named.policy, seed, result.task.options)
-                episodes.append({"policy": named.name, "seed": seed, **recorded})
-                progress(1)
-    return {"view": view, "seeds": seeds, "units": units_of(view), "episodes": episodes}
+    seeds = seeds_to_record(result, count)
+    with closing(make_one(result.task.env, result.task.env_config)) as env:
+        view = env.unwrapped.task.view  # type: ignore[attr-defined]
+    return {"view": view, "seeds": seeds, "units": units_of(view), "episodes": record(seeds)}
+
+
+def replays_of(
+    task: BenchmarkTask, named: NamedPolicy, seeds: Sequence[int], progress: Callable[[int], object]
+) -> list[dict[str, Any]]:
+    """The episodes of a policy on some seeds of a task; ``progress`` is called with 1 after each."""
+    episodes = []
+    with closing(make_one(task.env, named.settings(task.env_config))) as env:
+        for seed in seeds:
+            episodes.append(
+                {"policy": named.name, "seed": seed, **record_replay(env, named.policy, seed, task.options)}
+            )
+            progress(1)
+    return episodes
 
 
 def record_replay(env: Any, policy: Any, seed: int, options: Info) -> dict[str, Any]:

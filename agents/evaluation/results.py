@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +65,20 @@ class Evaluation:
     lengths: NDArray[np.int64]
     metrics: dict[str, NDArray[Any]]
     timing: Timing
+
+    @classmethod
+    def joined(cls, parts: Sequence[Evaluation]) -> Evaluation:
+        """Several parts of one evaluation, in the order of their episodes."""
+        first = parts[0]
+        return cls(
+            policy=first.policy,
+            env_id=first.env_id,
+            seeds=np.concatenate([part.seeds for part in parts]),
+            returns=np.concatenate([part.returns for part in parts]),
+            lengths=np.concatenate([part.lengths for part in parts]),
+            metrics={key: np.concatenate([part.metrics[key] for part in parts]) for key in first.metrics},
+            timing=sum((part.timing for part in parts), Timing()),
+        )
 
     @property
     def success(self) -> NDArray[np.bool_]:

@@ -133,7 +133,8 @@ def run_with_bar(benchmark: Benchmark, show: Callable[[TaskResult], object], *, 
             bar.start()
 
         benchmark.check()
-        with CompileAhead(benchmark.jobs(check), COMPILING.advance) as ahead:
+        jobs = benchmark.jobs(check) if benchmark.workers is None else []  # workers compile what they need
+        with CompileAhead(jobs, COMPILING.advance) as ahead:
             benchmark.fill(begin, advance, print_tables, ahead)
         check()
         if record:

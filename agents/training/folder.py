@@ -26,6 +26,10 @@ _FREE = ("device", "threads")  # settings that may change between two resumes
 _ABSENT = "nothing"
 
 
+class InUse(ValueError):
+    """Another process trains in the folder."""
+
+
 def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
     """Write what a run starts from: its settings, and the command, versions, machine and device.
 
@@ -50,7 +54,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     """Keep other processes from training in a folder meanwhile, and remove what killed ones have left half-written.
 
     Raises:
-        ValueError: if one is training there. The lock ends with its process, however that ends.
+        InUse: if one is training there. The lock ends with its process, however that ends.
     """
     folder.mkdir(parents=True, exist_ok=True)
     check_files(folder)
@@ -65,7 +69,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise ValueError(f"another process is training in {folder}: wait for it, or stop it first") from None
+            raise InUse(f"another process is training in {folder}: wait for it, or stop it first") from None
         for draft in folder.glob(".*.*.*"):
             if draft.suffix in _SUFFIXES:
                 draft.unlink()

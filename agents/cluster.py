@@ -1,0 +1,100 @@
+"""Ray: a connection to a cluster, or to a Ray of one's own on this machine. Imported only by what runs there."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+LOCAL = "local"
+"""The address that starts a Ray on this machine, which ends with the command."""
+
+_SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_AIR_NEW_OUTPUT": "0",
+    "RAY_CHDIR_TO_TRIAL_DIR": "0",
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+    "TUNE_DISABLE_SIGINT_HANDLER": "1",  # Ctrl-C is caught as in every other command
+    "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a process was started: workers take it over, so that relative paths and own modules mean the same there."""
+
+    folder: str
+    modules: tuple[str, ...]  # sys.path
+
+    @classmethod
+    def here(cls) -> Place:
+        """Of this process."""
+        return cls(os.getcwd(), tuple(os.path.abspath(path) for path in sys.path))
+
+    def enter(self) -> None:
+        """In a worker: go there, as far as its machine has it."""
+        if os.path.isdir(self.folder):
+            os.chdir(self.folder)
+        sys.path += [path for path in self.modules if path not in sys.path and os.path.exists(path)]
+
+
+def load_ray() -> Any:
+    """The module ``ray``.
+
+    Raises:
+        ModuleNotFoundError: that names the extra, if it is not installed.
+    """
+    for name, value in _SETTINGS.items():
+        os.environ.setdefault(name, value)
+    try:
+        import ray
+        import ray.tune
+    except ImportError as error:
+        raise ModuleNotFoundError(f'Ray is missing: pip install "planarm[cluster]" ({error})') from None
+    return ray
+
+
+@contextmanager
+def connected(address: str, processors: int | None = None) -> Iterator[Any]:
+    """Connect to Ray, and disconnect at the end, which ends everything that was begun there; yields ``ray``.
+
+    Args:
+        address: `LOCAL`, ``auto`` for the cluster that this machine belongs to, or ``host:port`` of its head.
+        processors: how many a local Ray uses; all of them if None.
+
+    Raises:
+        ModuleNotFoundError: if Ray is not installed.
+        ValueError: if there is no cluster, or ``processors`` does not fit.
+    """
+    if processors is not None and (address != LOCAL or processors < 1):
+        raise ValueError(
+            f"processors {processors} with address {address}: give at least 1, and only with {LOCAL}; a cluster's are "
+            "set by ray start --num-cpus"
+        )
+    ray = load_ray()
+    logging.getLogger("ray").setLevel(logging.CRITICAL)  # errors are reported by what is run
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.CRITICAL}
+    if address == LOCAL:
+        options |= {"include_dashboard": False, "num_cpus": processors}
+    try:
+        ray.init(address=address, **options)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise ValueError(
+            f"no Ray cluster at address {address} ({' '.join(str(error).split())[:200]}): start one with ray start "
+            f"--head, or take {LOCAL}"
+        ) from None
+    try:
+        yield ray
+    finally:
+        with suppress(Exception):  # of a cluster that is lost
+            ray.shutdown()
+
+
+def processors_of_nodes(ray: Any) -> list[int]:
+    """Processors of each node of a cluster."""
+    return [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
