@@ -30,6 +30,7 @@ NOTEBOOKS = sorted((ROOT / "docs").rglob("*.ipynb"))
 CHECKED = {
     "train": "trains for minutes",
     "play": "serves until Ctrl-C",
+    "sweep": "needs Ray, and trains for minutes",
 }
 """Commands that are not carried out to their end, with the reason."""
 

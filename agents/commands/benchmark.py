@@ -10,7 +10,7 @@ import tyro
 from agents.cluster import connected
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, configure
-from agents.evaluation.spread import Workers
+from agents.evaluation.worker import workers_of
 from agents.report.outputs import ScoreOutputs, run_and_print
 from agents.yaml_config import assigned
 
@@ -92,5 +92,5 @@ def run(options: BenchmarkOptions) -> int:
     if options.address is None:
         return run_and_print(benchmark, options, options.shortness(config))
     with connected(options.address) as ray:
-        benchmark.workers = Workers.of(ray, benchmark)
+        benchmark.workers = workers_of(ray, benchmark)
         return run_and_print(benchmark, options, options.shortness(config))

@@ -7,17 +7,11 @@ pieces join to the same numbers to the bit, whichever worker did which.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from agents.cluster import Place
-from agents.environments import own_modules
-
-if TYPE_CHECKING:
-    from agents.evaluation.benchmark import Benchmark
 
 BOUNDS = 8  # episodes whose bounds are one piece
 RETRIES = 10  # how often a piece whose worker dies is done again
@@ -53,21 +47,17 @@ class Workers:
     Attributes:
         ray: the module.
         order: of what benchmark the pieces are.
+        do: does a piece in a worker.
     """
 
     ray: Any
     order: Order
+    do: Callable[[Order, Piece], Any]
     _begun: dict[Piece, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, ray: Any, benchmark: Benchmark) -> Workers:
-        """Workers for a benchmark, whose policies are all names or paths."""
-        config = json.dumps(benchmark.config.model_dump(mode="json"))
-        return cls(ray, Order(config, benchmark.allow_code, Place.here(), own_modules()))
 
     def start(self, pieces: Sequence[Piece]) -> None:
         """Give pieces to the cluster, in the order in which they are needed."""
-        remote = self.ray.remote(num_cpus=1, max_retries=RETRIES)(_do)
+        remote = self.ray.remote(num_cpus=1, max_retries=RETRIES)(self.do)
         for piece in pieces:
             if piece not in self._begun:
                 self._begun[piece] = remote.remote(self.order, piece)
@@ -93,28 +83,3 @@ class Workers:
             raise error.cause from None
         except self.ray.exceptions.RayError as error:
             raise ValueError(f"the cluster has lost a part of the benchmark: {str(error)[:300]}") from None
-
-
-_BENCHMARKS: dict[Order, Benchmark] = {}
-"""In a worker: the benchmark that it has done pieces of."""
-_WARM: set[tuple[Order, Kind, str, str]] = set()
-"""In a worker: what has been run once, so that no time includes compilation."""
-
-
-def _do(order: Order, piece: Piece) -> Any:
-    """In a worker: do a piece."""
-    from agents.evaluation.benchmark import WARM_UP, Benchmark
-    from agents.evaluation.benchmark_config import BenchmarkConfig
-
-    if order not in _BENCHMARKS:
-        order.place.enter()
-        for module in order.modules:
-            import_module(module)
-        config = BenchmarkConfig.parse(json.loads(order.config), "benchmark setting")
-        _BENCHMARKS[order] = Benchmark(config, allow_code=order.allow_code)
-    benchmark = _BENCHMARKS[order]
-    warm = (order, piece.kind, piece.task, piece.policy)
-    if piece.kind == "episodes" and warm not in _WARM:
-        benchmark.do(Piece(piece.kind, piece.task, piece.policy, piece.seeds[:WARM_UP]))
-    _WARM.add(warm)
-    return benchmark.do(piece)

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 import tyro
 
 from agents.cluster import LOCAL, connected, load_ray, processors_of_nodes
+from agents.commands.curves import chosen_metrics, final_scores, read_curves
 from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar, say
 from agents.sweeps.axes import combinations, parse_axes, value_text
 from agents.tables import Table
+from agents.training.learning_curves import Curve
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_config
 
@@ -120,7 +125,7 @@ class SweepOptions:
 def run(options: SweepOptions) -> int:
     """Run the sweep and print its results; the exit code."""
     try:
-        import agents.training.run  # noqa: F401
+        import_module("agents.training.run")
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f'training needs pip install "planarm[rl]" ({error})') from None
     sweep = options.sweep()
@@ -134,10 +139,11 @@ def run(options: SweepOptions) -> int:
         sweep.write()
     results = SweepResults(sweep)
     code = 0 if results.finished else _run_with_bar(results, options)
-    for table in results.tables():
-        table.show(wide=options.wide)
+    results.table().show(wide=options.wide)
+    if (means := over_seeds(results)) is not None:
+        means.show(wide=options.wide)
     _show_best(results)
-    note(f"wrote {sweep.folder}/results.csv and results.json; learning curves: {results.curves_command()}")
+    note(f"wrote {sweep.folder}/results.csv and results.json; learning curves: {curves_command(sweep)}")
     failed = [record for record in results.records.values() if record.state == "failed"]
     for record in failed:
         note(f"trial {record.trial.name} failed: {record.error}", "red")
@@ -209,3 +215,35 @@ def _show_best(results: SweepResults) -> None:
     if best.best is not None:
         folder = results.sweep.folder_of(best.trial)
         say(f"Best trial: {best.trial.name}; its agent is {folder}/best.safetensors.")
+
+
+def over_seeds(results: SweepResults) -> Table | None:
+    """Means over the seeds, the best settings first; None unless seeds are swept together with something else."""
+    sweep = results.sweep
+    keys = [key for key in sweep.keys if key != "seed"]
+    if not keys or "seed" not in sweep.keys:
+        return None
+    trials = {sweep.folder_of(trial): trial for trial in sweep.trials}
+    curves, _ = read_curves(list(trials))
+    groups: dict[str, list[Curve]] = {}
+    for curve in curves:
+        values = trials[curve.folder].values
+        groups.setdefault(", ".join(f"{key}={value_text(values.get(key))}" for key in keys), []).append(curve)
+    if not curves:
+        return None
+    groups = dict(sorted(groups.items(), key=lambda group: _mean_merit(group[1]), reverse=True))
+    return final_scores(f"{curves[0].config.env_id}, over seeds", groups, chosen_metrics(curves, ()))
+
+
+def _mean_merit(curves: Sequence[Curve]) -> tuple[float, float]:
+    """Means of success and return at the runs' best checkpoints."""
+    success, returns = (
+        float(np.mean([curve.columns[name][curve.best] for curve in curves])) for name in ("success", "return")
+    )
+    return success, returns
+
+
+def curves_command(sweep: Sweep) -> str:
+    """The command that draws the learning curves."""
+    key = next((key for key in sweep.keys if key != "seed"), "seed")
+    return f"planarm curves {shlex.quote(str(sweep.folder))}/trials/* --by {key} --plot curves.png"

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from agents.commands.curves import chosen_metrics, final_scores, read_curves
 from agents.evaluation.summarise import card_of
 from agents.sweeps.axes import value_text
-from agents.sweeps.sweep import Sweep, Trial
-from agents.sweeps.trial import rows_so_far
+from agents.sweeps.sweep import Sweep, Trial, rows_so_far
 from agents.tables import Table, number_text, percent_text
-from agents.training.learning_curves import Curve, Row, merit
+from agents.training.learning_curves import Row, merit
 from planners.documents import read_document
 from planners.files import write_json, write_text
 
@@ -138,38 +132,6 @@ class SweepResults:
             "checkpoint: selected on them, so slightly optimistic."
         )
         return Table(env_id, headers, rows, caption, text_columns=2 + len(keys))
-
-    def tables(self) -> list[Table]:
-        """The table of the trials and, where seeds are swept with something else, one of means over the seeds."""
-        tables, others = [self.table()], [key for key in self.sweep.keys if key != "seed"]
-        if others and "seed" in self.sweep.keys:
-            groups = self._over_seeds(others)
-            if curves := [curve for group in groups.values() for curve in group]:
-                title = f"{curves[0].config.env_id}, over seeds"
-                tables.append(final_scores(title, groups, chosen_metrics(curves, ())))
-        return tables
-
-    def _over_seeds(self, keys: Sequence[str]) -> dict[str, list[Curve]]:
-        """The curves of the trials that differ in their seeds alone, by their settings, the best first."""
-        trials = {self.sweep.folder_of(record.trial): record.trial for record in self.records.values()}
-        groups: dict[str, list[Curve]] = {}
-        for curve in read_curves(list(trials))[0]:
-            values = trials[curve.folder].values
-            groups.setdefault(", ".join(f"{key}={value_text(values.get(key))}" for key in keys), []).append(curve)
-        return dict(sorted(groups.items(), key=lambda group: _mean_merit(group[1]), reverse=True))
-
-    def curves_command(self) -> str:
-        """The command that draws the learning curves."""
-        key = next((key for key in self.sweep.keys if key != "seed"), "seed")
-        return f"planarm curves {shlex.quote(str(self.sweep.folder))}/trials/* --by {key} --plot curves.png"
-
-
-def _mean_merit(curves: Sequence[Curve]) -> tuple[float, float]:
-    """Means of success and return at the runs' best checkpoints."""
-    return (
-        float(np.mean([curve.columns["success"][curve.best] for curve in curves])),
-        float(np.mean([curve.columns["return"][curve.best] for curve in curves])),
-    )
 
 
 def _stopped(path: Path) -> set[str]:

@@ -10,13 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from agents.environments import import_env
+from agents.cluster import Place
+from agents.environments import import_env, portable
 from agents.provenance import versions
 from agents.sweeps.axes import value_text
 from agents.training import devices
-from agents.training.folder import RL_DISTRIBUTIONS
+from agents.training.learning_curves import Row, read_curve
 from agents.training.recipe import TrainingConfig
-from agents.training.run import with_arm_document, with_fingerprint
 from planners.documents import read_document
 from planners.files import write_json
 
@@ -91,7 +91,7 @@ class Sweep:
             {
                 "command": self.command,
                 "began": datetime.now(UTC).isoformat("T", "seconds"),
-                "versions": versions(RL_DISTRIBUTIONS),
+                "versions": versions(("stable-baselines3", "torch")),
                 "plan": vars(self.plan),
                 "trials": trials,
             },
@@ -134,7 +134,7 @@ def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> li
     for number, values in enumerate(points):
         config = base.overridden(f"{key}={json.dumps(value)}" for key, value in values.items())
         import_env(config.env)
-        config = with_fingerprint(with_arm_document(devices.resolved(config)))
+        config = devices.resolved(config).model_copy(update={"env_config": portable(config.env_config)})
         name = f"{number:0{len(str(len(points) - 1))}d}-" + "-".join(
             f"{key}={value_text(value)}" for key, value in values.items()
         )
@@ -166,3 +166,23 @@ def check_asha(trials: Sequence[Trial], grace_steps: int | None, reduction: floa
     if not reduction > 1.0:
         raise ValueError(f"reduction {reduction:g} must be above 1, such as 3: one of so many trials goes on")
     return Plan("asha", grace, reduction)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker does: a trial, in a folder that every node sees."""
+
+    trial: Trial
+    sweep: Path  # folder of the sweep
+    folder: Path  # of the trial
+    command: str
+    ended: bool  # whether ASHA has ended it before: then it only reports its scores again
+    place: Place
+
+
+def rows_so_far(folder: Path) -> list[Row]:
+    """The scores of a run at each of its checkpoints; none if it has no checkpoint yet."""
+    if not (folder / "metrics.csv").is_file():
+        return []
+    columns = read_curve(folder).columns
+    return [{name: float(values[place]) for name, values in columns.items()} for place in range(len(columns["steps"]))]

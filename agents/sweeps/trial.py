@@ -4,29 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
-from agents.cluster import Place
-from agents.sweeps.sweep import ABOUT, Trial
+from agents.sweeps.sweep import ABOUT, Task, Trial, rows_so_far
 from agents.training.folder import InUse
-from agents.training.learning_curves import Row, merit, read_curve
+from agents.training.learning_curves import Row, merit
 from agents.training.run import TrainingRun, Watcher
 
 PATIENCE = 60.0  # s that a worker waits for the last one of its trial to leave the folder
 _REFUSED = -1e9  # merit of a trial that cannot be trained
-
-
-@dataclass(frozen=True)
-class Task:
-    """What a worker does: a trial, in a folder that every node sees."""
-
-    trial: Trial
-    sweep: Path  # folder of the sweep
-    folder: Path  # of the trial
-    command: str
-    ended: bool  # whether ASHA has ended it before: then it only reports its scores again
-    place: Place
 
 
 def run_trial(task: Task, report: Callable[[Row], object]) -> None:
@@ -43,9 +28,7 @@ def run_trial(task: Task, report: Callable[[Row], object]) -> None:
     """
     task.place.enter()
     if not (task.sweep / ABOUT).is_file():
-        raise OSError(
-            f"this node sees no {task.sweep / ABOUT}: the folder of a sweep must be on shared storage"
-        )
+        raise OSError(f"this node sees no {task.sweep / ABOUT}: the folder of a sweep must be on shared storage")
     try:
         for row in rows_so_far(task.folder):
             report(scored(row, task.trial))
@@ -55,14 +38,6 @@ def run_trial(task: Task, report: Callable[[Row], object]) -> None:
         raise
     except ValueError as error:
         report({"steps": 0, "merit": _REFUSED, "error": str(error)})
-
-
-def rows_so_far(folder: Path) -> list[Row]:
-    """The scores of a run at each of its checkpoints; none if it has no checkpoint yet."""
-    if not (folder / "metrics.csv").is_file():
-        return []
-    columns = read_curve(folder).columns
-    return [{name: float(values[place]) for name, values in columns.items()} for place in range(len(columns["steps"]))]
 
 
 def scored(row: Row, trial: Trial) -> Row:

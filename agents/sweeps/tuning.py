@@ -5,12 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from time import monotonic
 from typing import Any
 
 from agents.cluster import Place
 from agents.sweeps.results import SweepResults
-from agents.sweeps.trial import Task, run_trial
+from agents.sweeps.sweep import Task
 from agents.training.folder import alone_in
 
 _INTERVAL = 2.0  # s between two writings of the results while trials run
@@ -101,7 +102,7 @@ def _tuner(tasks: dict[str, Task], results: SweepResults, storage: Any, recorder
 def _train_in_worker(space: dict[str, Any], tasks: dict[str, Task]) -> None:
     from ray import tune
 
-    run_trial(tasks[space["trial"]], tune.report)
+    import_module("agents.sweeps.trial").run_trial(tasks[space["trial"]], tune.report)
 
 
 def _resources(task: Task) -> dict[str, float]:

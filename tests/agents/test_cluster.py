@@ -87,7 +87,7 @@ def test_a_sweep_loses_nothing_with_a_node_or_its_head(tmp_path: Path) -> None:
         process = planarm(tmp_path, "sweep", "tiny.yaml", *over)
         wait_for(lambda: len(list(trials.glob("*/checkpoint.pt"))) == 2, process)
         kill()
-        wait_for(lambda: "workers_lost\": 1" in (tmp_path / "sweep" / "results.json").read_text(), process)
+        wait_for(lambda: 'workers_lost": 1' in (tmp_path / "sweep" / "results.json").read_text(), process)
         process.kill()  # as if the machine of the command, the head, were lost
         process.communicate()
     with two_nodes() as (address, _):
@@ -101,7 +101,7 @@ def test_a_sweep_loses_nothing_with_a_node_or_its_head(tmp_path: Path) -> None:
 
 
 def test_a_benchmark_loses_nothing_with_a_node(tmp_path: Path) -> None:
-    arguments = "benchmark --episodes 60 --bound-episodes 20 --num-envs 3 --replays 2".split()
+    arguments = ["benchmark", "--episodes", "60", "--bound-episodes", "20", "--num-envs", "3", "--replays", "2"]
     arguments += ["--tasks", "ConveyorTrack-v0", "MinTorqueMove-v0", "--json"]
     finish(planarm(tmp_path, *arguments, "one.json"))
     with two_nodes() as (address, kill):

@@ -127,8 +127,8 @@ def test_a_trial_is_the_run_of_train_and_goes_on(recipe: str, tmp_path: Path) ->
     from agents.cluster import Place
     from agents.sweeps.command import SweepOptions
     from agents.sweeps.results import SweepResults
-    from agents.sweeps.sweep import Sweep
-    from agents.sweeps.trial import Task, run_trial
+    from agents.sweeps.sweep import Sweep, Task
+    from agents.sweeps.trial import run_trial
 
     sweep = SweepOptions(recipe, over=("seed=0..1",), out=tmp_path / "sweep").sweep()
     sweep.write()
@@ -155,5 +155,5 @@ def test_a_trial_is_the_run_of_train_and_goes_on(recipe: str, tmp_path: Path) ->
     results = SweepResults(sweep)
     results.write()
     assert not results.finished
-    rows = list(csv.DictReader((sweep.folder / "results.csv").open()))
+    rows = list(csv.DictReader((sweep.folder / "results.csv").read_text().splitlines()))
     assert [(row["trial"], row["state"]) for row in rows] == [("1-seed=1", "done"), ("0-seed=0", "waiting")]
