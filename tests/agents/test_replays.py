@@ -100,7 +100,7 @@ def test_half_are_the_first_seeds_and_the_others_the_worst_of_each_policy() -> N
 
 def test_an_environment_without_scenes_has_no_replays() -> None:
     result = TaskResult(BenchmarkTask(env="CartPole-v1"), np.arange(2))
-    assert record_replays(result, [], 2, lambda count: None) is None
+    assert record_replays(result, 2, lambda seeds: []) is None
 
 
 def test_positions_are_finer_where_the_view_is_small() -> None:
