@@ -23,6 +23,7 @@ from planners.problem import FixedJoints, MotionProblem
 from planners.robot.arm import Arm
 from planners.robot.presets import PLANAR_3R
 from planners.typing import Array
+from tools.best_known.dynamics import torques
 
 FILE = Path(__file__).parent / "data" / "best_known_torque.json"
 PROBLEMS, SEED = 200, 2015
@@ -40,20 +41,6 @@ SHARES = (0.9999, 0.999, 0.99)
 """Shares of the limits that the solver uses, one after the other until the dense grid shows no excess."""
 
 IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 400, "tol": 1e-6, "mu_strategy": "adaptive"}
-
-
-def torques(arm: Arm) -> ca.Function:
-    """Joint torques of ``(q, qd, qdd)`` by Lagrange's equations, eq 1-5 of the minimal-torque paper."""
-    q, qd, qdd = (ca.SX.sym(name, arm.n_joints) for name in ("q", "qd", "qdd"))
-    angle, x, y, energy = ca.cumsum(q), ca.SX(0), ca.SX(0), ca.SX(0)
-    for i in range(arm.n_joints):
-        com = ca.vertcat(x + arm.coms[i] * ca.cos(angle[i]), y + arm.coms[i] * ca.sin(angle[i]))
-        energy += arm.masses[i] * (ca.sumsqr(ca.jtimes(com, q, qd)) / 2 - arm.gravity * com[1])
-        energy += arm.inertias[i] * ca.sum1(qd[: i + 1]) ** 2 / 2
-        x, y = x + arm.lengths[i] * ca.cos(angle[i]), y + arm.lengths[i] * ca.sin(angle[i])
-    momentum = ca.gradient(energy, qd)
-    rate = ca.jtimes(momentum, ca.vertcat(q, qd), ca.vertcat(qd, qdd))
-    return ca.Function("torques", [q, qd, qdd], [rate - ca.gradient(energy, q)])
 
 
 @lru_cache

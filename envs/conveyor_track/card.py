@@ -43,7 +43,11 @@ CARD = TaskCard(
         "follower": lambda task: FollowerExpert(task, task.hand_goal),
     },
     control_modes=CONTROL_MODES,
-    bound=Bound("settling_time", "settling time of the best known optimum within the same tolerances", _bound),
+    bound=Bound(
+        "settling_time",
+        "settling time of the best motion with the hand on the belt's line, within the same tolerances",
+        _bound,
+    ),
     links=(2, 3),
     recipe="ppo/ConveyorTrack-v0",
     # The belt's acceleration is 0 unless configured; nothing is settled until the part is met.

@@ -36,7 +36,9 @@ CARD = TaskCard(
         "apf": JointFieldExpert,
         "follower": lambda task: PlanningExpert(task, quintic.plan),
     },
-    bound=Bound("quintic_ratio", "torque of the best known motion, a dense transcription, over the quintic's", _bound),
+    bound=Bound(
+        "quintic_ratio", "torque of the lagrange plan after a dense transcription (polish), over the quintic's", _bound
+    ),
     links=(1, 2, 3, 4, 5, 6),
     recipe="ppo/MinTorqueMove-v0",
     constant_entries=frozenset({"torque_limit"}),  # the arm's

@@ -359,7 +359,8 @@ def test_options_are_checked(options: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize("power", [1, 2])
 def test_the_independent_search_comes_close_on_a_coarse_mesh(power: int) -> None:
     pytest.importorskip("casadi")
-    from tools.best_known_torque import COARSE, assess, minimise, torques
+    from tools.best_known.dynamics import torques
+    from tools.best_known_torque import COARSE, assess, minimise
 
     problem = paper_move()
     q, qd, qdd = np.random.default_rng(2).normal(size=(3, 20, 3))

@@ -1,0 +1,81 @@
+"""Stored best known motions: the environment scores them as stored, and they are better than what planners do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs
+from agents.evaluation.evaluate import evaluate
+from envs.best_known import PAPER, best_known, file_of, load, read, write
+
+ENV_ID = "ConveyorTrack-v0"
+
+
+@pytest.fixture
+def env() -> Any:
+    return gym.make(ENV_ID)
+
+
+def played(env: Any, key: int, actions: Any) -> dict[str, Any]:
+    env.reset(seed=max(key, 0), options={"scenario": "paper"} if key == PAPER else {})
+    for action in actions:
+        _, _, _, _, info = env.step(action)
+    return dict(info)
+
+
+def test_the_environment_scores_every_stored_motion_as_stored(env: Any) -> None:
+    known = load(ENV_ID)
+    assert len(known.keys) == len(set(known.keys)) >= 4
+    for key, value, actions in zip(known.keys, known.values, known.actions, strict=True):
+        info = played(env, key, actions)
+        assert info["is_success"]
+        assert info["limit_ratio"] <= 1.0 + env.unwrapped.task.config.limit_tolerance
+        assert info["settling_time"] == pytest.approx(value)
+
+
+def test_no_planner_settles_earlier() -> None:
+    known = load(ENV_ID)
+    seeds = [key for key in known.keys if key != PAPER]
+    values = np.array([known.values[known.keys.index(seed)] for seed in seeds])
+    for name in ("dpct", "apf", "agent"):
+        scored = evaluate(name, ENV_ID, np.array(seeds)).metrics["settling_time"]
+        assert (values <= scored + 1e-9).all()
+
+
+def test_the_papers_own_start_settles_half_a_second_before_the_line_allows(env: Any) -> None:
+    known = load(ENV_ID)
+    assert (
+        known.values[known.keys.index(PAPER)]
+        < 1.1
+        < envs.task_card(ENV_ID).bound.optimum(  # type: ignore[union-attr]
+            started({"scenario": "paper"}), 0, 0
+        )
+    )
+
+
+def started(options: dict[str, Any], **settings: Any) -> Any:
+    vector = gym.make_vec(ENV_ID, num_envs=2, **settings)
+    vector.reset(seed=0, options=options)
+    return vector.unwrapped
+
+
+def test_starts_are_known_by_what_they_are() -> None:
+    known = load(ENV_ID)
+    assert best_known(started({}), 0) == known.values[known.keys.index(0)]
+    assert best_known(started({"scenario": "paper"}), 1) == known.values[known.keys.index(PAPER)]
+    assert math.isnan(best_known(started({"belt_speed": 0.15}), 0))
+    assert math.isnan(best_known(started({}, payload=0.1), 0))
+
+
+def test_a_file_holds_what_was_written(tmp_path: Any) -> None:
+    known = read(file_of(ENV_ID))
+    write(tmp_path / "again.npz", known)
+    again = read(tmp_path / "again.npz")
+    assert (again.recipe, again.keys, again.values) == (known.recipe, known.keys, known.values)
+    assert all(np.array_equal(one, other) for one, other in zip(again.actions, known.actions, strict=True))
+    assert read(tmp_path / "none.npz").keys == []
