@@ -103,7 +103,8 @@ def _policy_cells(result: TaskResult, evaluation: Evaluation, estimates: dict[st
     for metric in result.card.metrics:
         yield metric_text(metric, evaluation, estimates)
     if result.bounded is not None:
-        yield number_text(estimates["above_bound"].value) if "above_bound" in estimates else ""
+        factor = next(metric.factor for metric in result.card.metrics if metric.key == result.bounded[0].metric)
+        yield number_text(factor * estimates["above_bound"].value) if "above_bound" in estimates else ""
     yield number_text(estimates["limit_ratio"].value) if "limit_ratio" in estimates else ""
     yield percent_text(estimates["limit_broken"].value) if "limit_broken" in estimates else ""
     yield interval_text(estimates["return"])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from envs.card import Info, Metric, Picture, TaskCard
+from envs.card import Bound, Info, Metric, Picture, TaskCard
+from envs.excavator_payload.bound import told_tip_rms
 from envs.excavator_payload.controls import CONTROLS
-from envs.excavator_payload.experts import PayloadExpert
+from envs.excavator_payload.experts import KALMAN, PayloadExpert
 
 
 def _outcome(info: Info, duration: float) -> str:
@@ -25,12 +26,18 @@ CARD = TaskCard(
     ),
     experts={
         # No planners: the reference is given, and any other motion fails the task.
+        "kalman": partial(PayloadExpert, controller=KALMAN),
         "adaptive": PayloadExpert,
         "adaptive_computed_torque": partial(PayloadExpert, controller="adaptive-computed-torque", moments=False),
         "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),
         "computed_torque": partial(PayloadExpert, controller="computed-torque"),
     },
     control_modes=("torque", "residual"),
+    bound=Bound(
+        "tip_rms",
+        "kalman's controller where it is told the payload and the friction: what noise and period leave",
+        told_tip_rms,
+    ),
     recipe="ppo/ExcavatorPayload-v0",
     picture=Picture(
         "distance from tip to reference (mm)",

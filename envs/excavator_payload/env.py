@@ -157,13 +157,16 @@ class ExcavatorPayload(Task):
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
         steps = whole_periods(config, "horizon", config.horizon)
         residual = config.control_mode == "residual"
+        self.noise: tuple[float, float] = (
+            config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
+        )
         constants = {
             "residual": residual,
             **_gains(config.control_period, residual),
             "judged_after": steps // 3,
             "settling_steps": steps // 6,
             "step_reward": FULL_REWARD / steps,
-            "noise": config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0),
+            "noise": self.noise,
             **world.machine_constants(config.physics_step, LAG if config.level == 2 else 0.0),
             **reference.dynamics_constants(),
         }

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.excavator_payload.env import ExcavatorPayload
+from envs.excavator_payload.env import LAG, ExcavatorPayload
+from envs.excavator_payload.hidden import OFFSET
 from envs.excavator_payload.kernels import RESIDUAL_SHARE
 from envs.experts.base import Expert
 from envs.observation import Observation
+from planners.control import Controller
 from planners.excavator.controllers import ADAPTIVE, DEFAULT, make_controller
+from planners.excavator.kalman import FilterSettings, KalmanComputedTorque
 from planners.typing import Array
+
+KALMAN = "kalman"
+"""The controller of :mod:`planners.excavator.kalman`."""
+
+LEAST_SPREAD = 1.0
+"""Least standard deviation of the payload's mass before the first sample, kg."""
 
 
 class PayloadExpert(Expert):
@@ -20,7 +31,7 @@ class PayloadExpert(Expert):
 
     Args:
         task: the environment's task.
-        controller: of :mod:`planners.excavator.controllers`; some estimate the payload, some assume none.
+        controller: of :mod:`planners.excavator.controllers`, or `KALMAN`; some estimate the payload, some assume none.
         moments: whether the payload's first moments are estimated too, or its mass alone.
     """
 
@@ -33,7 +44,7 @@ class PayloadExpert(Expert):
     @property
     def mass_estimate(self) -> Array | None:
         """Estimated payloads after the last call, ``(num_envs,)``, kg; None if the controller estimates none."""
-        return self._memory[:, 0].copy() if self._memory is not None and self._name in ADAPTIVE else None
+        return self._memory[:, 0].copy() if self._memory is not None and self._name in (*ADAPTIVE, KALMAN) else None
 
     def _act(self, observations: Observation, state: Array | None, starts: NDArray[np.bool_]) -> tuple[Array, Array]:
         seen = self.task.layout.parse(observations)
@@ -62,5 +73,23 @@ class PayloadExpert(Expert):
     def _prepare(self, rows: int) -> None:
         """Make the controllers for another number of environments."""
         period = self.task.config.control_period
-        self._controller = make_controller(self._name, planar=True, moments=self._moments, rows=rows, period=period)
         self._empty = make_controller("slotine-li", planar=True, rows=rows, period=period)
+        self._controller: Controller | KalmanComputedTorque = (
+            KalmanComputedTorque(filter_settings(self.task), rows)
+            if self._name == KALMAN
+            else make_controller(self._name, planar=True, moments=self._moments, rows=rows, period=period)
+        )
+
+
+def filter_settings(task: ExcavatorPayload) -> FilterSettings:
+    """What the environment states of itself: noise, lag, and the distribution of payloads."""
+    config = task.config
+    # On level 2 the bucket is empty at first.
+    lightest = 0.0 if config.level == 2 else config.lightest
+    return FilterSettings(
+        period=config.control_period,
+        noise=task.noise,
+        lag=LAG if config.level == 2 else 0.0,
+        mass=(0.5 * (lightest + config.payload), max(LEAST_SPREAD, (config.payload - lightest) / math.sqrt(12.0))),
+        shift=(OFFSET[0] / math.sqrt(3.0), OFFSET[1] / math.sqrt(3.0)),
+    )
