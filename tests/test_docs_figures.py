@@ -63,7 +63,7 @@ def test_readme_says_who_wins_with_the_numbers_of_the_leaderboard() -> None:
 def test_the_leaderboards_rows_of_quick_policies_come_out() -> None:
     for title, policies in {
         "ConveyorTrack-v0": ["apf", "agent", "follower"],
-        "ExcavatorPayload-v0": ["adaptive", "agent", "integral_computed_torque"],
+        "ExcavatorPayload-v0": ["kalman", "adaptive", "agent", "integral_computed_torque"],
     }.items():
         now = str(agents.leaderboard(policies, [title], bound_episodes=0))
         for policy in policies:

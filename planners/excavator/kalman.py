@@ -173,7 +173,7 @@ def _torque(settings: Any, chain: Chain, samples: Array, memory: Array, tau: Arr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _law(known: Any, chain: Chain, x: Array, q_d: Array, qd_d: Array, qdd_d: Array, last: Array, tau: Array) -> None:
-    """Torques for the state ``ahead``, written to ``tau``; ``last``, the last reference acceleration, becomes this one."""
+    """Torques for the state ``ahead``, to ``tau``; ``last``, the reference acceleration before, is renewed."""
     ahead = known.ahead
     load, q, qd, qdd = np.empty(10), np.empty(N_JOINTS), np.empty(N_JOINTS), np.empty(N_JOINTS)
     for i in range(N_JOINTS):

@@ -157,11 +157,11 @@ def test_warmup_compiles_what_the_policies_of_an_environment_need(
     ran.clear()
     capsys.readouterr()
     assert main(["warmup", "ExcavatorPayload-v0"]) == 0
-    assert ran == ["agent", "adaptive", "integral_computed_torque", "computed_torque", "random"]
+    assert ran == ["kalman", "agent", "adaptive", "integral_computed_torque", "computed_torque", "random"]
     assert capsys.readouterr().out.startswith("everything is compiled already, kept in ")
     monkeypatch.setattr(benchmark, "evaluate", lambda *rest, **more: compile_one())
     assert main(["warmup", "ExcavatorPayload-v0"]) == 0
-    assert capsys.readouterr().out.startswith("compiled 5 functions, kept in ")
+    assert capsys.readouterr().out.startswith("compiled 6 functions, kept in ")
     monkeypatch.setattr(benchmark, "evaluate", lambda *rest, **more: signal.raise_signal(signal.SIGINT))
     assert main(["warmup", "ExcavatorPayload-v0"]) == 130
     assert capsys.readouterr().out.startswith("interrupted: ")
