@@ -50,8 +50,8 @@ BLOCKS = {
     ),
     "excavator level 2": Block(
         "docs/papers/excavator.md",
-        "planarm evaluate adaptive --env ExcavatorPayload-v0 --episodes 200 --settings level=2 --against "
-        "integral_computed_torque computed_torque adaptive_computed_torque agent",
+        "planarm evaluate kalman --env ExcavatorPayload-v0 --episodes 200 --settings level=2 --against "
+        "adaptive integral_computed_torque computed_torque adaptive_computed_torque agent",
     ),
     "planarm plan --list": Block("docs/planners/index.md", "planarm plan --list", 0),
     "plans of planarm paper-dpct": Block("docs/papers/dpct.md", "planarm paper-dpct", 0),

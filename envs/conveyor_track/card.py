@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from envs.best_known import best_known
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.conveyor_track.controls import CONTROLS
 from envs.conveyor_track.experts import meet_on_line
@@ -15,8 +16,10 @@ from planners import dpct, lagrange
 
 
 def _bound(env: Any, env_index: int, seed: int) -> float:
-    """Least settling time, s; limits and part may be missed by as much as the environment tolerates."""
-    config = env.task.config
+    """Best known settling time, s: of the stored motion, or of the best one with the hand on the belt's line."""
+    stored, config = best_known(env, env_index), env.task.config
+    if math.isfinite(stored):
+        return stored
     return dpct.settling_bound(
         env.motion_problem(env_index),
         position_tolerance=config.position_tolerance,
@@ -45,7 +48,8 @@ CARD = TaskCard(
     control_modes=CONTROL_MODES,
     bound=Bound(
         "settling_time",
-        "settling time of the best motion with the hand on the belt's line, within the same tolerances",
+        "settling time of the best motion found, played in the environment; for other starts and settings than the "
+        "stored ones, of the best one with the hand on the belt's line",
         _bound,
     ),
     links=(2, 3),
