@@ -59,7 +59,7 @@ def test_an_undisturbed_episode_ends_as_elsewhere(session: Session) -> None:
     assert dpct["outcome"] == "settled at 1.76 s"
     bound = session.best_known()
     assert bound is not None
-    assert bound() == "best known 1.73"
+    assert bound() == "best known 1.7"
 
 
 @pytest.mark.parametrize("name", ["lagrange", "follower"])
