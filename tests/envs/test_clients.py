@@ -219,6 +219,40 @@ def test_stable_baselines3_makes_its_own_batch() -> None:
             assert {"is_success", "torque_l1"} <= episode.keys()
 
 
+@pytest.mark.clients
+def test_a_batch_of_tensors_holds_the_numbers_of_the_batch() -> None:
+    torch = pytest.importorskip("torch")
+    pytest.importorskip("array_api_compat", reason="pip install gymnasium[array-api]")
+    plain: Any = gym.make_vec(ENV_ID, N, **SHORT)
+    tensors: Any = gym.wrappers.vector.NumpyToTorch(gym.make_vec(ENV_ID, N, **SHORT))
+    for env in (plain, tensors):
+        env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        action = rng.uniform(-1.0, 1.0, plain.action_space.shape).astype(np.float32)
+        ours, theirs = plain.step(action), tensors.step(torch.as_tensor(action))
+        for numbers, tensor in zip(ours[:4], theirs[:4], strict=True):
+            np.testing.assert_array_equal(numbers, tensor.numpy())
+        np.testing.assert_array_equal(ours[4]["limit_ratio"], theirs[4]["limit_ratio"].numpy())
+
+
+@pytest.mark.moviepy
+@pytest.mark.filterwarnings("ignore:.*Recorded episodes will not contain the last frame")
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_batch_is_filmed(mode: AutoresetMode, tmp_path: Path) -> None:
+    import imageio_ffmpeg
+
+    batch = gym.make_vec(ENV_ID, N, autoreset_mode=mode, render_mode="rgb_array", **SHORT)
+    folder = tmp_path / "films"
+    env: Any = gym.wrappers.vector.RecordVideo(batch, str(folder), step_trigger=lambda step: step == 3, video_length=6)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(env.action_space.sample())
+    env.close()
+    (film,) = folder.glob("*.mp4")
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] in (6, 7)
+
+
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "extend" / "clients.md").read_text()
 SNIPPETS = re.findall(r"^## (\w+)[^#]*?^```python\n(.*?)^```", PAGE, re.S | re.M)
 
