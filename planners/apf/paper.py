@@ -80,7 +80,7 @@ def plan_paper(
     attraction: float = ATTRACTION,
     repulsion: float = REPULSION,
     influence: float = INFLUENCE,
-    period: float = PERIOD,
+    period: float | None = None,
     tolerance: float = 1e-3,
 ) -> Trajectory:
     """Plan as the paper does, with discs at constant velocity.
@@ -88,7 +88,8 @@ def plan_paper(
     Args:
         problem: a two-link arm and a target at rest. Its limits are not kept.
         square, distance, attraction, repulsion, influence: as for :func:`planners.apf.hand_field.make_field`.
-        period: of the sampling, s.
+        period: of the sampling, s; when left out `PERIOD`, or half of a horizon shorter than two. A motion has at
+            most 5 million samples: a longer horizon is not followed to its end.
         tolerance: distance from the goal that counts as reached, m; the hand still moves at xi times that.
 
     Returns:
@@ -115,7 +116,7 @@ def follow_field(
     problem: MotionProblem,
     field: HandField,
     *,
-    period: float = PERIOD,
+    period: float | None = None,
     tolerance: float = 1e-3,
     measuring_time: float = _MEASURING_TIME,
 ) -> FieldMotion:
@@ -136,11 +137,11 @@ def follow_field(
         raise ValueError(f"tolerance {tolerance} m must be finite and positive")
     if not (math.isfinite(measuring_time) and measuring_time >= 0.0):
         raise ValueError(f"measuring_time {measuring_time} s must be finite and not negative")
+    if period is None:
+        period = min(PERIOD, problem.horizon / 2.0)
     if not 0.0 < period <= problem.horizon / 2.0:
         raise ValueError(f"period {period} s must be positive and at most half the horizon of {problem.horizon} s")
-    steps = round(problem.horizon / period)
-    if steps > _MOST_SAMPLES:
-        raise ValueError(f"{steps} samples are more than {_MOST_SAMPLES}; give a longer period or a shorter horizon")
+    steps = round(min(problem.horizon / period, _MOST_SAMPLES))
     body = arm.length_array, arm.base_array, arm.link_radius
     positions = np.array([disc.position for disc in problem.obstacles]).reshape(-1, 2)
     velocities = np.array([disc.velocity for disc in problem.obstacles]).reshape(-1, 2)
@@ -239,11 +240,14 @@ def _outcome(
 def _failure(problem: MotionProblem, motion: FieldMotion) -> Infeasible:
     distance = float(np.hypot(*(problem.arm.forward_kinematics(motion.q[-1]) - hand_goal(problem))))
     time, clearance, hand_clearance = float(motion.t[-1]), float(motion.clearance[-1]), float(motion.hand_clearance[-1])
-    away = f"{distance:.3g} m from the goal"
+    away, last = f"{distance:.3g} m from the goal", f"at the horizon of {time:.3g} s"
+    more = "give it more time"
+    if len(motion.t) > _MOST_SAMPLES and time < problem.horizon:
+        last, more = f"after {time:.3g} s, the last of {_MOST_SAMPLES} samples,", "give a longer period"
     message = {
         "collision": f"the arm touches a disc at {time:.3g} s, the hand {hand_clearance:.3g} m clear of it and {away}",
-        "local_minimum": f"at the horizon of {time:.3g} s the arm is stuck {away}",
-        "late": f"at the horizon of {time:.3g} s the hand is still moving, {away}; give it more time",
+        "local_minimum": f"{last} the arm is stuck {away}",
+        "late": f"{last} the hand is still moving, {away}; {more}",
     }[motion.outcome]
     return Infeasible(
         motion.outcome, message, time=time, clearance=clearance, hand_clearance=hand_clearance, distance=distance

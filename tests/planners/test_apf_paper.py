@@ -307,3 +307,23 @@ def test_every_motion_ends_as_it_says(heading: float, speed: float, elbow: int) 
     elif motion.outcome != "collision":
         assert distance > 1e-3
         assert motion.t[-1] == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("horizon", [1e5, 1e12])
+def test_a_motion_ends_at_the_goal_long_before_a_long_horizon(horizon: float) -> None:
+    short, long = plan_paper(problem()), plan_paper(problem(horizon=horizon))
+    np.testing.assert_array_equal(long.t, short.t)
+    np.testing.assert_array_equal(long.q, short.q)
+
+
+def test_a_horizon_shorter_than_two_periods_is_late() -> None:
+    with pytest.raises(Infeasible, match=r"late: at the horizon of 1\.6e-05 s"):
+        plan_paper(problem(horizon=1.6e-5))
+    with pytest.raises(ValueError, match="at most half the horizon"):
+        plan_paper(problem(horizon=1.6e-5), period=1e-4)
+
+
+def test_a_motion_that_never_ends_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planners.apf.paper._MOST_SAMPLES", 1000)
+    with pytest.raises(Infeasible, match=r"after 0\.1 s, the last of 1000 samples, .* give a longer period"):
+        plan_paper(problem())
