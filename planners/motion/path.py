@@ -128,11 +128,14 @@ class HandLine:
     def derivatives(self, r: ArrayLike) -> Array:
         """``q, f', f'', f'''`` at ``r`` inside ``span``, exact, by implicit differentiation: see :class:`Path`.
 
-        The angles are continuous along the line, with the whole turns of ``near`` at ``r = 0``.
+        The angles are continuous along the line, with the whole turns of ``near`` at ``r = 0``. At a straight elbow, on
+        the border of the span, it raises Infeasible.
         """
         samples = np.append(np.asarray(r, dtype=float), 0.0)
         n, wrist = self.arm.n_joints, self.wrist
         out = _hand_line(self.arm.length_array, wrist, self.direction, self.elbow, n, samples)
+        if not np.isfinite(out[:, 1]).all():
+            raise Infeasible("unreachable", "the straight path of the hand passes a straight elbow")
         q = out[:, 0]
         # the direction of the wrist, seen from the base, turns by less than half a turn along a straight line
         x, y = (wrist + samples[:, None] * self.direction).T
@@ -145,13 +148,13 @@ class HandLine:
         return out[:-1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hand_line(lengths: Array, wrist: Array, direction: Array, elbow: int, n: int, r: Array) -> Array:
     """Angles (not unwrapped; the third one left open) and their first three derivatives, ``(samples, 4, n)``.
 
     With absolute link angles ``phi`` and unit vectors ``e``, ``l1 e1 + l2 e2`` is the wrist. Each derivative of this by
     ``r`` has the form ``i (l1 phi1^(k) e1 + l2 phi2^(k) e2) = w``, and its parts along ``e2`` and ``e1`` are
-    ``l1 phi1^(k) sin q2`` and ``-l2 phi2^(k) sin q2``.
+    ``l1 phi1^(k) sin q2`` and ``-l2 phi2^(k) sin q2``. With a straight elbow they are not finite.
     """
     l1, l2 = lengths[0], lengths[1]
     out = np.empty((r.shape[0], 4, n))
