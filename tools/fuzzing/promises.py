@@ -23,6 +23,9 @@ CLEARANCE_ERROR = 1e-3
 ALLOWED = 1e-6
 """Excess of a promise, as a fraction of the limit, in m or in rad, that is rounding."""
 
+GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 4.0 / 9.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
+"""Places and weights of Gauss's rule in an interval; it is exact for velocities of degree five."""
+
 CONTINUOUS = 1e-5
 """Difference, rad, between angles and integrated velocities that is rounding."""
 
@@ -46,7 +49,7 @@ def broken_promises(
     if not (clearance >= stated - ALLOWED or math.isclose(clearance, stated, rel_tol=CLEARANCE_ERROR)):
         found.append(f"says {motion.clearance:.6g} m of clearance and has {clearance:.6g} m")
     smooth, h = ~starts_piece, np.diff(t)[:, None]
-    led_to = q[:-1] + h * (0.5 * (qd[:-1] + qd[1:]) + h * (qdd[:-1] - qdd[1:]) / 12.0)
+    led_to = q[:-1] + sum(weight * h * motion.at(t[:-1] + place * h[:, 0])[1] for place, weight in GAUSS)
     gap = float(np.abs(q[1:] - led_to)[smooth].max(initial=0.0))
     if entry.promises and not gap <= CONTINUOUS + 1e-6 * float(np.abs(q).max()):
         found.append(f"angles jump by {gap:.3g} rad")
