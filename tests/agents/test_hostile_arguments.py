@@ -107,6 +107,8 @@ REFUSED = [
     ("report missing.json", "missing.json"),
     ("report 'mk[/b]run.json'", "mk[/b]run.json"),
     ("dataset Nope-v0 --out mine", 'unknown environment "Nope-v0"'),
+    ("sweep nope.yaml", "cannot read nope.yaml"),
+    ("sweep ppo/ConveyorTrack-v0 --over nonsense", '--over "nonsense" is no key=values'),
     ("submit check", "no submission"),
     ("submit check 'mk[/b]mine'", "no folder mk[/b]mine"),
     ("submit check . --episodes 0", "episodes 0 must be at least 1"),

@@ -261,5 +261,6 @@ SNIPPETS = re.findall(r"^## (\w+)[^#]*?^```python\n(.*?)^```", PAGE, re.S | re.M
 @pytest.mark.parametrize(("client", "code"), SNIPPETS, ids=[client for client, _ in SNIPPETS])
 def test_a_snippet_of_the_page_on_clients(client: str, code: str, tmp_path: Path) -> None:
     modules = {"RLlib": "ray.rllib", "TorchRL": "torchrl", "Minari": "h5py", "Stable": "stable_baselines3"}
+    modules |= {"SAC": "stable_baselines3", "A": "torch"}
     pytest.importorskip(modules.get(client, "gymnasium"))
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=240)
