@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -86,15 +86,19 @@ class SweepOptions:
     wide: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print every column, however narrow the terminal is."""
 
-    def trials(self) -> list[Trial]:
-        """The trials that the options describe; a ValueError for an unknown setting or an impossible value."""
-        from agents.sweeps.sweep import make_trials
-
+    def wanted(self) -> tuple[TrainingConfig, list[dict[str, Any]]]:
+        """The recipe, and what each trial changes of it; a ValueError for an unknown setting or an impossible value."""
         if self.config is None:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a sweep to --resume")
         changes = [f"env_config.{change}" if change.startswith("arm=") else change for change in self.changes]
         base = load_config(self.config, TrainingConfig).overridden(changes)
-        return make_trials(base, combinations(parse_axes(self.over), self.samples, self.draw_seed))
+        return base, combinations(parse_axes(self.over), self.samples, self.draw_seed)
+
+    def trials(self) -> list[Trial]:
+        """The trials that the options describe."""
+        from agents.sweeps.sweep import make_trials
+
+        return make_trials(*self.wanted())
 
     def sweep(self) -> Sweep:
         """The sweep to go on with, or a new one, which is not yet written."""
@@ -124,6 +128,8 @@ class SweepOptions:
 
 def run(options: SweepOptions) -> int:
     """Run the sweep and print its results; the exit code."""
+    if options.resume is None:
+        options.wanted()  # what is wrong with it can be said without the libraries of training
     try:
         import_module("agents.training.run")
     except ModuleNotFoundError as error:
