@@ -72,6 +72,13 @@ def test_span_ends_where_the_elbow_straightens() -> None:
     np.testing.assert_allclose(np.abs(np.sin(ends)), SINGULAR_SINE, rtol=1e-6)
 
 
+def test_a_place_where_the_elbow_is_straight_is_refused() -> None:
+    line = line_from(SCARA_1M, np.array([0.3, 1.2]), 0.3)
+    beyond = line.span[1] + 0.1 * (line.span[1] - line.span[0])  # out of reach: the elbow stays straight
+    with pytest.raises(Infeasible, match="unreachable: the straight path of the hand passes a straight elbow"):
+        line.derivatives([0.0, beyond])
+
+
 def test_span_ends_at_the_hole_around_the_base() -> None:
     arm = replace(SCARA_1M, lengths=(1.0, 0.4))
     line = line_from(arm, np.array([0.0, 1.2]), np.pi)
