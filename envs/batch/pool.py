@@ -184,7 +184,7 @@ def _work_together(words: Words, job: Words, helpers: int, size: int) -> None:
         _exchange(words, _WAITING, 1)
         if _add(words, _DONE, 0) == slices and _exchange(words, _WAITING, 0) == 1:
             break
-        _take_lock(words[_FINISHED], 1)  # given by whoever has found this thread waiting
+        _take_lock(words[_FINISHED], 1)  # given by the thread that has found this thread waiting
         if _add(words, _DONE, 0) == slices:
             break
     error = words[_ERROR]
@@ -239,7 +239,7 @@ def cores() -> int:
 
 
 class Pool:
-    """Threads that help whoever advances a batch, one batch at a time.
+    """Threads that help the caller who advances a batch, one batch at a time.
 
     Args:
         threads: number of threads, with that of the caller.

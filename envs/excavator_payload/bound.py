@@ -14,7 +14,7 @@ from planners import Infeasible
 from planners.excavator.kalman import KalmanComputedTorque
 
 
-def told_tip_rms(batch: Any, env_index: int, seed: int) -> float:
+def known_payload_tip_rms(batch: Any, env_index: int, seed: int) -> float:
     """Root mean square of the tip error, m, of the Kalman filter's controller with the true payload and friction.
 
     It sees the same noisy measurements as a policy, so the error is what noise and the control period leave to it.
@@ -40,10 +40,10 @@ def told_tip_rms(batch: Any, env_index: int, seed: int) -> float:
     }
     config = {**batch.task.config.model_dump(), "control_mode": "torque"}
     with closing(gym.make("ExcavatorPayload-v0", disable_env_checker=True, **config)) as env:
-        return _told(env.unwrapped, env.reset(seed=seed, options={**hidden, **motion})[0])
+        return _tip_rms(env.unwrapped, env.reset(seed=seed, options={**hidden, **motion})[0])
 
 
-def _told(env: Any, observation: Any) -> float:
+def _tip_rms(env: Any, observation: Any) -> float:
     """The error over the episode that an environment is at the start of."""
     task, record = env.task, env.task.batch[0]
     controller = KalmanComputedTorque(filter_settings(task))
@@ -55,7 +55,7 @@ def _told(env: Any, observation: Any) -> float:
         reference = q + error, seen["reference_velocity"], seen["reference_acceleration"]
         torque = controller.torque(q, seen["joint_velocity"], *reference)
         observation, _, terminated, truncated, info = env.step((torque[0] / limit).astype(np.float32))
-        controller.tell(record["load"], record["load_offset"], record["friction_scale"])
+        controller.set_payload(record["load"], record["load_offset"], record["friction_scale"])
     if not math.isfinite(info["tip_rms"]):
         raise Infeasible("limits", "the controller that is told payload and friction leaves the allowed range")
     return float(info["tip_rms"])

@@ -6,7 +6,7 @@ import math
 from functools import partial
 
 from envs.card import Bound, Info, Metric, Picture, TaskCard
-from envs.excavator_payload.bound import told_tip_rms
+from envs.excavator_payload.bound import known_payload_tip_rms
 from envs.excavator_payload.controls import CONTROLS
 from envs.excavator_payload.experts import KALMAN, PayloadExpert
 
@@ -36,7 +36,7 @@ CARD = TaskCard(
     bound=Bound(
         "tip_rms",
         "kalman's controller where it is told the payload and the friction: what noise and period leave",
-        told_tip_rms,
+        known_payload_tip_rms,
     ),
     recipe="ppo/ExcavatorPayload-v0",
     picture=Picture(

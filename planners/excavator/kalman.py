@@ -115,8 +115,8 @@ class KalmanComputedTorque:
             raise ValueError(f"memory has shape {np.shape(memory)}; this controller's has {self._memory.shape}")
         self._memory[:] = memory
 
-    def tell(self, mass: Array, shift: Array, friction: Array) -> None:
-        """Tell the filter payload and friction; it takes them for certain until a sample contradicts them.
+    def set_payload(self, mass: Array, shift: Array, friction: Array) -> None:
+        """Set payload and friction, which the filter takes for certain until a sample contradicts them.
 
         Call it after a first sample.
 

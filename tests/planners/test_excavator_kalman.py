@@ -93,11 +93,11 @@ def test_a_payload_that_is_dropped_and_picked_up_is_weighed_again() -> None:
     assert np.abs(found["known"][80:, 3] - np.log(FRICTION)).max() < 0.1
 
 
-def test_what_is_told_is_believed() -> None:
+def test_a_payload_that_is_set_is_certain() -> None:
     controller = KalmanComputedTorque(SETTINGS)
     q, qd, qdd = reference(0.0)
     controller.torque(q, qd, q, qd, qdd)
-    controller.tell(np.array([MASS]), np.array([SHIFT]), np.array([FRICTION]))
+    controller.set_payload(np.array([MASS]), np.array([SHIFT]), np.array([FRICTION]))
     controller.torque(q, qd, q, qd, qdd)
     np.testing.assert_array_equal(controller.memory[0, :4], [MASS, *SHIFT, np.log(FRICTION)])
 
