@@ -1,4 +1,4 @@
-"""The reference of ExcavatorPayload-v0: the tip error of a controller that is told what is hidden from the policies."""
+"""The reference of ExcavatorPayload-v0: the tip error of a controller that knows what is hidden from the policies."""
 
 from __future__ import annotations
 
@@ -57,5 +57,5 @@ def _tip_rms(env: Any, observation: Any) -> float:
         observation, _, terminated, truncated, info = env.step((torque[0] / limit).astype(np.float32))
         controller.set_payload(record["load"], record["load_offset"], record["friction_scale"])
     if not math.isfinite(info["tip_rms"]):
-        raise Infeasible("limits", "the controller that is told payload and friction leaves the allowed range")
+        raise Infeasible("limits", "the controller that knows payload and friction leaves the allowed range")
     return float(info["tip_rms"])

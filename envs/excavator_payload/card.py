@@ -35,7 +35,7 @@ CARD = TaskCard(
     control_modes=("torque", "residual"),
     bound=Bound(
         "tip_rms",
-        "kalman's controller where it is told the payload and the friction: what noise and period leave",
+        "kalman's controller with payload and friction given: what noise and period leave",
         known_payload_tip_rms,
     ),
     recipe="ppo/ExcavatorPayload-v0",
