@@ -33,3 +33,12 @@ def test_the_page_of_pictures_has_the_table() -> None:
 def test_an_unknown_picture_is_refused() -> None:
     with pytest.raises(SystemExit, match=r"must be one of conveyor_track\.gif"):
         main(PicturesOptions(names=("conveyor.gif",)))
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs" / "papers").glob("*.md")))
+def test_numbers_below_a_papers_figure_are_in_the_tables_that_its_command_prints(page: str) -> None:
+    text = (ROOT / "docs" / "papers" / page).read_text()
+    printed = "".join(table for _, table in re.findall(r"<!-- (.+?) -->\n(.*?)<!-- end of \1 -->", text, re.S))
+    known = {float(number) for number in re.findall(r"\d*\.\d+", printed)}
+    for line in re.findall(r"^!\[[^\n]*\n\n(Figure.*?)\n\n", text, re.M | re.S):
+        assert [number for number in re.findall(r"\d*\.\d+", line) if float(number) not in known] == [], line

@@ -110,7 +110,7 @@ class Child:
                 "agents.training.run",
                 "agents.commands.train",
                 "agents.commands.benchmark",
-                "agents.papers.dpct",
+                "agents.papers.dpct.command",
             ]
             Child._processes.set_forkserver_preload(modules)
         self.log = log

@@ -9,7 +9,21 @@ import numpy as np
 import pytest
 from paper_results import Regenerate
 
-from agents.papers.dpct import CASES, GRIDS, HEADWAYS, paper_problem, plan_records, tracking_cost
+from agents.papers.dpct.equations import line_states, state_equation
+from agents.papers.dpct.runs import (
+    BELT_ACCELERATIONS,
+    BELT_SPEED,
+    CASES,
+    GRIDS,
+    HEADWAYS,
+    LINE,
+    SLIP,
+    belt_problem,
+    paper_problem,
+    plan_records,
+    tracking_cost,
+)
+from planners import dpct
 from planners.dpct.paper import MASS_SLIPS, plan_paper
 
 
@@ -60,3 +74,61 @@ def test_the_scenario_is_the_papers() -> None:
     np.testing.assert_allclose(problem.arm.forward_kinematics(problem.q), [-0.8, 1.732], atol=1e-12)
     assert problem.horizon == pytest.approx(3.0)
     assert next(plan_records())["case"] == 1
+
+
+def test_the_reading_beside_the_figures_meets_every_published_rendezvous(document: dict[str, Any]) -> None:
+    assert SLIP.name == "M11 = 5/3 + c2/2"
+    rows = [row for row in document["figures"] if row["figure"] == 6]
+    assert [row["slip"] for row in rows] == pytest.approx([row["published"] for row in rows], abs=1e-12)
+    assert [row["literal"] - row["slip"] for row in rows] == pytest.approx([0.0, 0.05, 0.0], abs=1e-12)
+    changes = [row["literal"] for row in document["figures"] if row["quantity"].startswith("mean change")]
+    assert changes[1] < 0.5 * changes[0]
+
+
+def test_the_state_equation_gives_the_acceleration_of_the_arm_along_the_line() -> None:
+    arm, line = paper_problem(1).arm, line_states(20)
+    rng = np.random.default_rng(0)
+    rate, change = rng.uniform(0.0, 0.5, 20), rng.uniform(-1.0, 1.0, 20)
+    qd = line.slope * rate[:, None]
+    torque = arm.inverse_dynamics(line.q, qd, line.curvature * rate[:, None] ** 2 + line.slope * change[:, None])
+    np.testing.assert_allclose(state_equation(arm, line).acceleration(rate, torque), change, atol=1e-12)
+
+
+def test_table_1_is_right_but_for_its_offset_its_half_turn_and_one_entry_of_the_mass_matrix(
+    document: dict[str, Any],
+) -> None:
+    differences = {row["row"].split(",")[0].split(" at")[0]: row["difference"] for row in document["table_1"]}
+    assert differences["x"] == pytest.approx(0.3)
+    assert differences["q1"] == pytest.approx(math.pi)
+    assert [name for name, difference in differences.items() if difference < 1e-12] == ["q2", "f'", "f''", "M", "h"]
+    arm, line = paper_problem(1).arm, line_states()
+    inertia = arm.mass_matrix(line.q)
+    slipped = inertia.copy()
+    slipped[:, 0, 0] = 5.0 / 3.0 * np.cos(line.q[:, 1])
+    row = np.einsum("pij,pj->pi", slipped, line.slope)
+    right = state_equation(arm, line)
+    squares = np.einsum("pi,pi->p", row, row)
+    assert np.abs(squares - right.a).max() == pytest.approx(differences["a"], rel=1e-9)
+    assert np.abs(row / squares[:, None] - right.d).max() == pytest.approx(differences["d"], rel=1e-9)
+    bends = np.einsum("pij,pj->pi", inertia, line.curvature)
+    assert np.abs(-np.einsum("pi,pi->p", row, bends) - right.b).max() == pytest.approx(differences["b"], rel=1e-9)
+
+
+def test_the_hand_rides_on_accelerating_belts_or_the_plan_is_refused(document: dict[str, Any]) -> None:
+    rows = document["belts"]
+    assert [row["acceleration"] for row in rows] == list(BELT_ACCELERATIONS)
+    assert [row["reason"] for row in rows] == ["", "", "", "", "late"]
+    times = [row["rendezvous_time"] for row in rows[:-1]]
+    assert times == sorted(times)
+    motion = dpct.plan(belt_problem(0.01))
+    after = motion.t >= motion.rendezvous_time
+    hand = np.einsum("sj,sj->s", belt_problem(0.01).arm.jacobian(motion.q)[:, 0], motion.qd)
+    np.testing.assert_allclose(hand[after], BELT_SPEED + 0.01 * motion.t[after], atol=1e-6)
+    assert motion.limit_ratio <= 1.0
+
+
+def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
+    turn, across = (fact["values"] for fact in document["facts"])
+    ends = [paper_problem(1).arm.inverse_kinematics([x, 1.732])[0].sum() for x in np.linspace(-0.8, -0.8 + LINE, 50)]
+    assert turn["turn"] == pytest.approx(np.degrees(np.ptp(ends)), rel=1e-3)
+    assert across["across"] > 1e-3

@@ -1,0 +1,1 @@
+"""The conveyor-tracking paper's results regenerated."""
