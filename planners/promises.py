@@ -36,7 +36,8 @@ def require_within_limits(name: str, trajectory: Trajectory) -> None:
         joint, what, ratio = int(measured.joints[kind]), LIMIT_KINDS[kind], float(measured.ratios[kind])
         limit = float(problem.joint_limits.array(what)[joint])
         limited = f"its {what} limit of {limit:.4g} {UNITS[what]} at {measured.times[kind]:.4g} s"
-        excess = f"takes joint {joint + 1} to {ratio:.4g} times {limited}; allow more time, or raise the limit"
+        remedy = "try another planner, or widen the range" if what == "angle" else "allow more time, or raise the limit"
+        excess = f"takes joint {joint + 1} to {ratio:.4g} times {limited}; {remedy}"
         if math.isinf(ratio):
             excess = f"has a jump of joint {joint + 1} in spite of {limited}; leave the limit out, or start at rest"
         raise Infeasible(
@@ -72,10 +73,9 @@ def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, pr
             clearance=trajectory.clearance,
             time=trajectory.measured.clearance_time,
         )
-    if not trajectory.rendezvous_time <= problem.horizon * (1.0 + 1e-9):
-        arrives = f"arrives at {trajectory.rendezvous_time:.4g} s" if trajectory.rendezvous_time < math.inf else "waits"
-        message = f"the motion of {name} {arrives}; the horizon is {problem.horizon:.4g} s, allow more time"
-        raise Infeasible("late", message, minimum_time=trajectory.rendezvous_time)
+    arrival = trajectory.rendezvous_time
+    if not arrival < math.inf:
+        raise _late(f"the motion of {name} waits", problem.horizon, arrival)
     error, unit = target_error(problem, trajectory)
     if not error <= precision:
         message = f"the motion of {name} ends {error:.4g} {unit} from the target; {precision:.4g} {unit} is allowed"
@@ -84,6 +84,14 @@ def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, pr
     if not isinstance(problem.target, MovingHand) and not speed <= allowed:
         message = f"the motion of {name} ends at {speed:.4g} rad/s, not at rest; {allowed:.4g} rad/s is allowed"
         raise Infeasible("late", message, speed=speed)
+    # Last, so that a motion which has to be refused with more time too is not said to need more.
+    if not arrival <= problem.horizon * (1.0 + 1e-9):
+        raise _late(f"the motion of {name} arrives at {arrival:.4g} s", problem.horizon, arrival)
+
+
+def _late(motion: str, horizon: float, arrival: float) -> Infeasible:
+    """The refusal of a motion that takes longer than the horizon."""
+    return Infeasible("late", f"{motion}; the horizon is {horizon:.4g} s, allow more time", minimum_time=arrival)
 
 
 def target_error(problem: MotionProblem, trajectory: Trajectory) -> tuple[float, str]:

@@ -20,6 +20,9 @@ from planners.typing import Array
 PARTS, MIDDLE_FIRST = 4, (2, 1, 3)
 """Parts of an interval between two samples at whose ends torque is evaluated, and these ends in their order."""
 
+HALFWAY = np.array([[35, 140, -70, 28, -5], [-5, 60, 90, -20, 3], [3, -20, 90, 60, -5], [-5, 28, -70, 140, 35]]) / 128.0
+"""Lagrange weights of the five torques in the middle of each part, ``(PARTS, PARTS + 1)``."""
+
 JUMP = 1e-9
 """Difference of two accelerations at the same time, relative to the largest, that is rounding."""
 
@@ -110,7 +113,7 @@ def _loads(
                 _raise(ratios, joints, times, kind, j, t[i], abs(value) / limits[kind, j])
     if not (torques or jerks):
         return ratios, joints, times
-    point, inner = np.empty((3, n)), np.empty((PARTS + 1, n))
+    point, inner, fine = np.empty((3, n)), np.empty((PARTS + 1, n)), np.empty(2 * PARTS + 1)
     for i in range(samples - 1):
         h = t[i + 1] - t[i]
         if torques and h > 0.0:
@@ -123,10 +126,13 @@ def _loads(
                     doubtful = k != PARTS // 2 or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
             if doubtful:
                 for j in range(n):
-                    for k in range(1, PARTS):  # the peak of a parabola through three neighbours
-                        peak = inner[k, j] + _rise(inner[k - 1, j], inner[k, j], inner[k + 1, j])
-                        load = max(abs(peak), abs(inner[k, j])) / limits[TORQUE, j]
-                        _raise(ratios, joints, times, TORQUE, j, t[i] + k / PARTS * h, load)
+                    for k in range(PARTS):
+                        fine[2 * k], fine[2 * k + 1] = inner[k, j], _quartic(k, inner, j)
+                    fine[2 * PARTS] = inner[PARTS, j]
+                    for k in range(1, 2 * PARTS):  # the peak of a parabola through three neighbours
+                        peak = fine[k] + _rise(fine[k - 1], fine[k], fine[k + 1])
+                        load = max(abs(peak), abs(fine[k])) / limits[TORQUE, j]
+                        _raise(ratios, joints, times, TORQUE, j, t[i] + 0.5 * k / PARTS * h, load)
         if jerks:
             for j in range(n):
                 if limits[JERK, j] < np.inf:
@@ -151,6 +157,15 @@ def _torque(
     """Torques at a share ``s`` of interval ``i``, written to ``tau``; ``point`` is scratch, ``(3, n)``."""
     _between_samples(s, h, i, q, qd, qdd, point)
     inverse_dynamics_single(coupling, weight, point[0], point[1], point[2], tau)
+
+
+@private
+def _quartic(part: int, inner: Array, joint: int) -> float:
+    """Torque in the middle of a part of an interval, on the polynomial of degree 4 through all five that are known."""
+    middle = 0.0
+    for k in range(PARTS + 1):
+        middle += HALFWAY[part, k] * inner[k, joint]
+    return middle
 
 
 @private

@@ -202,7 +202,7 @@ def test_a_plan_is_never_predicted_to_touch(
     try:
         trajectory = plan(task)
     except Infeasible as error:
-        if error.reason != "collision":
+        if error.reason != "collision" and not error.details["minimum_time"] > task.horizon:
             raise
         return
     assert trajectory.clearance >= 0.0
@@ -291,7 +291,7 @@ def test_a_disc_parked_on_the_straight_way_is_never_driven_through() -> None:
 
 def test_a_motion_longer_than_the_horizon_is_refused_or_delayed() -> None:
     task = replace(problem((0.0, 1.0), joints(1.5, 0.5)), horizon=0.3)
-    with pytest.raises(Infeasible, match=r"takes longer than 0.3 s, the best one .* s") as caught:
+    with pytest.raises(Infeasible, match=r"arrives at .* s; the horizon is 0.3 s, allow more time") as caught:
         plan(task)
     assert caught.value.reason == "late"
     assert plan(task, contact="delay").duration > 0.3

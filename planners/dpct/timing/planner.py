@@ -84,15 +84,21 @@ def plan_timing(
     goals = np.array(goal_postures(problem, problem.target, "best"))
     if contact == "delay":
         return _plan_once(problem, _scene(problem, margin, prediction), goals)
-    refusals = []
+    answers: list[Trajectory | Infeasible] = []
     for ahead in dict.fromkeys((prediction, MOST_PREDICTION)):
         try:
-            return _plan_clear(problem, margin, ahead, goals)
+            motion = _plan_clear(problem, margin, ahead, goals)
         except Infeasible as refusal:
-            refusals.append(refusal)
-            if refusal.reason not in ("collision", "late"):
+            answers.append(refusal)
+            if refusal.reason != "collision":
                 break
-    raise refusals[0]
+        else:
+            if motion.rendezvous_time <= problem.horizon:
+                return motion
+            answers.append(motion)
+    if isinstance(answers[0], Infeasible):
+        raise answers[0]
+    return answers[0]  # it takes longer than the horizon, which the check of every motion refuses
 
 
 def _plan_clear(problem: MotionProblem, margin: float, prediction: float, goals: Array) -> Trajectory:
@@ -102,10 +108,6 @@ def _plan_clear(problem: MotionProblem, margin: float, prediction: float, goals:
         scene = _scene(now, margin, prediction)
         plan = _plan_once(now, scene, goals)
         time = first_contact(scene, plan.t, plan.q)
-        end = begin + plan.duration
-        if plan.clearance >= 0.0 and end > problem.horizon:
-            message = f"every timing found takes longer than {problem.horizon:.4g} s, the best one {end:.4g} s"
-            raise Infeasible("late", f"{message}; allow more time, or raise the limits", minimum_time=end)
         if plan.clearance >= 0.0:
             break
         if math.isfinite(time) or begin + prediction > min(problem.horizon, LONGEST_WAIT):
@@ -125,7 +127,8 @@ def _plan_clear(problem: MotionProblem, margin: float, prediction: float, goals:
         return plan
     parts.append((begin + plan.t, plan.q, plan.qd, plan.qdd))
     motion = [np.concatenate(values) for values in zip(*parts, strict=True)]
-    return sampled_trajectory(problem, *motion, cost=begin + plan.cost, rendezvous_time=end, planner="dpct (timing)")
+    end, cost = begin + plan.duration, begin + plan.cost
+    return sampled_trajectory(problem, *motion, cost=cost, rendezvous_time=end, planner="dpct (timing)")
 
 
 def _scene(problem: MotionProblem, margin: float, prediction: float) -> PredictedDiscs:
