@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from envs.arms import require_links
@@ -27,10 +28,11 @@ from envs.physics.actuation import (
     actuation_env_fields,
     arm_kernels,
 )
+from envs.physics.closed_form import closed_form_constants
 from envs.physics.episode import EPISODE_FIELDS
 from envs.physics.rigid_bodies import arm_constants, arm_fields, model_record, whole_multiple
 from envs.rendering import Scene
-from envs.settings import Settings
+from envs.settings import Settings, refuse_unknown
 from envs.task_settings import LimitSettings as LimitSettings
 from envs.task_settings import TaskSettings as TaskSettings
 from envs.task_settings import whole_periods as whole_periods
@@ -64,6 +66,8 @@ class Task(ABC):
         boolean_outcomes: those of the keys whose values are bools; the others' are numbers.
         gauges: kinds of limit that a frame shows.
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
+        physics: what can move the arms, of the setting ``physics``; ``"closed_form"`` needs kernels that move them by
+            `envs.physics.actuation.move_arms`.
         default_arm: the robot, unless the settings name another.
         arm: the robot as a policy knows it, without its payload.
 
@@ -83,6 +87,7 @@ class Task(ABC):
     options_type: ClassVar[type[Settings]]
     kernels: ClassVar[Any]
     default_arm: ClassVar[Arm]
+    physics: ClassVar[tuple[str, ...]] = ("pymunk",)
     layout: Layout
     reward_terms: ClassVar[tuple[str, ...]]
     outcomes: ClassVar[Mapping[str, str]] = {}
@@ -118,8 +123,9 @@ class Task(ABC):
             "control_period": config.control_period,
             **arm_constants(loaded, config.control_period, config.physics_step),
             **actuation_constants(arm, mode),
+            **closed_form_constants(loaded, config.physics),
         }
-        used = {**arm_kernels(mode), **kernels}
+        used = {**arm_kernels(mode, config.physics), **kernels}
         model = model_record(
             {
                 **shared,
@@ -135,7 +141,9 @@ class Task(ABC):
         # Kernels of every task know the first fields only, and are the same for tasks with as many joints.
         first = make_records(0, common).dtype, model_record(shared).dtype
         for name, kernel in used.items():
-            if kernel is not None:
+            if kernel is not None and name == "physics_kernel":
+                model[name] = kernel.address(self._batch.records, model, *(types.intp,) * 3)
+            elif kernel is not None:
                 whole = self._batch.records.dtype, model.dtype
                 model[name] = kernel.address(*(whole if name in kernels else first))
         self._ready, self._in_use = False, Lock()
@@ -164,6 +172,7 @@ class Task(ABC):
         """
         task: Any = cls
         settings = cls.config_type.parse(config, f"{cls.env_id} setting")
+        refuse_unknown([settings.physics], cls.physics, f"{cls.env_id} physics")
         if settings.arm is not None or settings.gravity is not None:
             require_links(settings.arm, task_card(cls.env_id).links, cls.env_id)
         settings = cls.fit(settings)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from envs.arms import ArmSetting
@@ -15,6 +17,7 @@ class TaskSettings(Settings):
     Attributes:
         control_mode: what an action means.
         control_period: time for which an action is held, s.
+        physics: ``"pymunk"``, or ``"closed_form"`` for the exact equations of motion by Runge-Kutta 4.
         physics_step: time of one step of the physics, s.
         horizon: length of an episode, s.
         payload: unknown point mass at the hand, kg.
@@ -25,6 +28,7 @@ class TaskSettings(Settings):
 
     control_mode: str = "torque"
     control_period: float = Field(0.02, gt=0.0)
+    physics: Literal["pymunk", "closed_form"] = "pymunk"
     physics_step: float = Field(0.002, gt=0.0)
     horizon: float = Field(3.0, gt=0.0, le=60.0)
     payload: float = Field(0.0, ge=0.0, le=10.0)

@@ -12,7 +12,7 @@ from envs.batch.pool import NOTHING_TOLD, RESTING, Words, job_of, work, work_on_
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
 from envs.physics.episode import EntryPoint
-from envs.physics.rigid_bodies import World, place_arm_of
+from envs.physics.rigid_bodies import NoWorld, World
 from planners import Arm
 from planners.typing import Array
 
@@ -31,7 +31,7 @@ class Batch:
     Attributes:
         records: one per environment, with the addresses of its bodies.
         actions: their actions, ``(count, k)``.
-        world: their bodies.
+        world: their bodies in Pymunk, if it moves them.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Batch:
         self.records["env_index"] = np.arange(count)
         self.actions = self.records["action"]
         self.model = model
-        self.world = World(arm, self.records)
+        self.world = NoWorld(count) if model["closed_form"][0] else World(arm, self.records)
         self.table_shape = table_shape
         self._kernels = kernels
         self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, first_public_byte(self.records) :]
@@ -93,7 +93,7 @@ class Batch:
         self._bytes[...] = other._bytes
         for env_index, table in enumerate(other._tables):
             self._place_table(env_index, table)
-            place_arm_of(self.records, self.model, env_index)
+            self.world.place(self.records, self.model, env_index)
             self.refresh(env_index)
 
     def table(self, env_index: int) -> Array:

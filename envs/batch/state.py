@@ -42,7 +42,7 @@ class State:
         settings: what an environment must have in common with the one that the state is from, by name.
         count: number of environments.
         records: their records.
-        physics: numbers of Chipmunk.
+        physics: numbers of Chipmunk; none without it.
         tables: what they have drawn at the reset besides.
         episodes: what the Gymnasium environment knows of them, besides its task.
     """

@@ -120,6 +120,7 @@ class MinTorqueMove(Task):
     options_type = MinTorqueMoveOptions
     kernels: ClassVar[Any] = kernels
     default_arm = PLANAR_3R
+    physics = ("pymunk", "closed_form")
     layout = LAYOUT
     reward_terms = ("effort", "goal", "limits")
     outcomes: ClassVar = {

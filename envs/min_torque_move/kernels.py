@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.physics.actuation import apply_action
+from envs.physics.actuation import command, finish_period, move_arms
 from envs.physics.episode import (
     ADVANCE,
     BEGIN,
@@ -50,13 +50,19 @@ def env_fields(n_joints: int) -> list[tuple[Any, ...]]:
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
+    for start in range(first, last, shared.pack):
+        end = min(start + shared.pack, last)
         if work == ADVANCE:
-            _advance(env, shared)
-        elif work == BEGIN:
-            _begin(env, shared)
-        _observe(env, shared)
+            for index in range(start, end):
+                _command(batch[index], shared)
+            move_arms(batch, model, start, end, shared.substeps)
+        for index in range(start, end):
+            env = batch[index]
+            if work == ADVANCE:
+                _finish(env, shared)
+            elif work == BEGIN:
+                _begin(env, shared)
+            _observe(env, shared)
 
 
 reset_env, advance_batch, _ = entry_points(run)
@@ -74,15 +80,20 @@ def _begin(env: Any, shared: Any) -> None:
 
 
 @inlined
-def _advance(env: Any, shared: Any) -> None:
-    """Advance an environment by one control period under its ``action``."""
-    # Physics under the torques of the action, or of the motion it has chosen.
+def _command(env: Any, shared: Any) -> None:
+    """Set the torques of the next control period: those of the ``action``, or of the motion it has chosen."""
     if shared.whole_motion:
         call(shared.motion_kernel, env, shared)
     else:
         for i in range(env.q.shape[0]):
             env.share[i] = env.action[i]
-    worst_ratio = apply_action(env, shared, env.share)
+    command(env, shared, env.share)
+
+
+@inlined
+def _finish(env: Any, shared: Any) -> None:
+    """Measure and score a control period after its physics."""
+    worst_ratio = finish_period(env, shared)
     env.step += 1
     # Measures: PI1 and PI2, the integrals of the absolute and squared torques.
     spent = 0.0

@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from envs.physics.rigid_bodies import advance, place_arm
+from envs.physics.closed_form import MOVE_ARMS, PLACE_NOTHING
+from envs.physics.rigid_bodies import advance, place_arm, read_joint_state, step_physics
 from planners.compiled.calls import Kernel, call, call_real, copy_array, inlined
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
@@ -80,6 +81,20 @@ def apply_action(env: Any, model: Any, action: Array) -> float:
     command(env, model, action)
     advance(env, model, env.tau)
     return finish_period(env, model)
+
+
+@inlined
+def move_arms(batch: Any, model: Any, first: int, last: int, steps: int) -> None:
+    """Move the arms of environments ``first`` to ``last - 1``, at most ``pack``, by so many steps under ``env.tau``."""
+    shared = model[0]
+    if shared.closed_form:
+        call(shared.physics_kernel, batch, model, first, last, steps)
+    else:
+        for index in range(first, last):
+            env = batch[index]
+            for _ in range(steps):
+                step_physics(env, shared, env.tau)
+            read_joint_state(env, shared)
 
 
 @inlined
@@ -198,6 +213,12 @@ _COMMANDS = {
 _FINISH, _PLACE = Kernel(_finish_period), Kernel(place_arm.py_func)
 
 
-def arm_kernels(control_mode: ControlMode) -> dict[str, Kernel]:
+def arm_kernels(control_mode: ControlMode, physics: str) -> dict[str, Kernel | None]:
     """The kernels with which an arm is placed and moved, by the field of the model record that has the address."""
-    return {"command_kernel": _COMMANDS[control_mode], "finish_kernel": _FINISH, "place_kernel": _PLACE}
+    exact = physics == "closed_form"
+    return {
+        "command_kernel": _COMMANDS[control_mode],
+        "finish_kernel": _FINISH,
+        "place_kernel": PLACE_NOTHING if exact else _PLACE,
+        "physics_kernel": MOVE_ARMS if exact else None,
+    }

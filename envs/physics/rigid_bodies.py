@@ -80,6 +80,30 @@ def model_record(constants: Mapping[str, Any]) -> Records:
     return record
 
 
+class NoWorld:
+    """What a batch without Pymunk has in place of a `World`: nothing beside its records.
+
+    Args:
+        count: number of environments.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.shape = count, 0
+
+    def add_kinematic_bodies(self, batch: Records) -> None:
+        """Their motion is in the records."""
+
+    def place(self, batch: Records, model: Records, index: int) -> None:
+        """An arm is where its record has it."""
+
+    def save(self) -> Array:
+        """No numbers."""
+        return np.empty(self.shape)
+
+    def load(self, numbers: Array) -> None:
+        """Nothing to continue from."""
+
+
 class World:
     """The Pymunk spaces of a batch of environments, one arm in each.
 
@@ -118,6 +142,10 @@ class World:
         batch["extra_body"] = [chipmunk.address(body._body) for body in bodies]
         spaces, moving, joints = self._addresses
         self._addresses = spaces, np.column_stack([moving, batch["extra_body"]]), joints
+
+    def place(self, batch: Records, model: Records, index: int) -> None:
+        """Place the bodies of one environment as its record has them."""
+        place_arm_of(batch, model, index)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import from_dtype, njit, types
+from numba import from_dtype, njit, typeof, types
 from numba.core import cgutils
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
@@ -56,12 +56,11 @@ class Kernel:
         self._compiled: Any = private(function, **options)
 
     def address(self, *arguments: Any) -> int:
-        """The address, to call with such arguments: Numba types, or the dtype of a record.
+        """The address, to call with such arguments: Numba types, the dtype of a record, or an array like the one given.
 
         The function is compiled, or loaded from the cache, when its address is first asked.
         """
-        kinds = [from_dtype(one) if isinstance(one, np.dtype) else one for one in arguments]
-        return address_of(self._compiled, *kinds)
+        return address_of(self._compiled, *(_kind_of(one) for one in arguments))
 
 
 def address_of(compiled: Any, *kinds: Any) -> int:
@@ -69,6 +68,12 @@ def address_of(compiled: Any, *kinds: Any) -> int:
     compiled.compile(kinds)
     overload = compiled.overloads[kinds]
     return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
+
+
+def _kind_of(argument: Any) -> Any:
+    if isinstance(argument, np.ndarray):
+        return typeof(argument)
+    return from_dtype(argument) if isinstance(argument, np.dtype) else argument
 
 
 def caller(result: Any) -> Any:
