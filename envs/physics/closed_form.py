@@ -1,7 +1,8 @@
 """From joint torques to motion by the exact equations, without Pymunk: Runge-Kutta 4 on the planar chain.
 
 With absolute link angles ``phi_i = q_0 + ... + q_i``, the direction ``u_i`` of link i, its length ``L_i`` and its
-static moment ``s_i`` (masses times levers, kg m, turned with the link) the Lagrange-Euler equations of a planar chain are
+static moment ``s_i`` (masses times levers, kg m, turned with the link) the Lagrange-Euler equations of a planar chain
+are
 
     D_i phi''_i + sum_j (p_i . s_j) phi''_j + (p_i x s_j) phi'_j^2 + g s_i,x = T_i,    p_i = L_i u_i,   i < j
 

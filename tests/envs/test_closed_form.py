@@ -1,0 +1,75 @@
+"""`physics="closed_form"`: the exact equations of motion, behind the same contract as Pymunk."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs
+
+ENV_ID = "MinTorqueMove-v0"
+
+
+def made(num_envs: int = 0, **settings: Any) -> Any:
+    settings = {"physics": "closed_form", **settings}
+    return gym.make_vec(ENV_ID, num_envs=num_envs, **settings) if num_envs else gym.make(ENV_ID, **settings)
+
+
+def action_of(env: Any, k: int) -> np.ndarray[Any, Any]:
+    draw: Any = np.random.default_rng(k).uniform(-0.3, 0.3, env.action_space.shape)
+    return np.asarray(draw, np.float32)
+
+
+def test_environments_equal_single_ones_through_their_resets() -> None:
+    batch = made(11, autoreset_mode="SameStep")
+    seen, _ = batch.reset(seed=4)
+    actions = [action_of(batch, k) for k in range(170)]
+    rows = [seen, *[batch.step(action) for action in actions]]
+    assert any(row[2].any() for row in rows[1:])
+    for index in (0, 7, 8, 10):  # of a whole pack, and of one that is not full
+        alone = made()
+        observation, _ = alone.reset(seed=4 + index)
+        np.testing.assert_array_equal(observation, rows[0][index])
+        for action, row in zip(actions, rows[1:], strict=True):
+            observation, reward, terminated, truncated, _ = alone.step(action[index])
+            if terminated or truncated:
+                observation, _ = alone.reset()
+            np.testing.assert_array_equal(observation, row[0][index])
+            assert (reward, terminated, truncated) == (row[1][index], row[2][index], row[3][index])
+
+
+@pytest.mark.parametrize("num_envs", [0, 3])
+def test_states_and_pickles_continue_to_the_bit(num_envs: int) -> None:
+    env = made(num_envs)
+    env.reset(seed=3)
+    for k in range(7):
+        env.step(action_of(env, k))
+    state, twin, other = env.unwrapped.get_state(), pickle.loads(pickle.dumps(env.unwrapped)), made(num_envs)
+    other.reset(seed=99)
+    other.unwrapped.set_state(state)
+    for k in range(12):
+        action = action_of(env, 50 + k)
+        expected = env.step(action)
+        for one in (twin, other):
+            found = one.step(action)
+            np.testing.assert_array_equal(found[0], expected[0])
+            np.testing.assert_array_equal(found[1], expected[1])
+
+
+def test_it_stays_near_pymunk_but_is_not_it() -> None:
+    exact, pymunk = made(), made(physics="pymunk")
+    start, _ = exact.reset(seed=1)
+    np.testing.assert_array_equal(start, pymunk.reset(seed=1)[0])
+    for k in range(10):
+        one, two = exact.step(action_of(exact, k))[0], pymunk.step(action_of(exact, k))[0]
+    assert 0.0 < np.abs(one - two).max() < 0.05
+
+
+@pytest.mark.parametrize("env_id", [env_id for env_id in envs.env_ids() if env_id != ENV_ID])
+def test_other_tasks_refuse_it(env_id: str) -> None:
+    with pytest.raises(ValueError, match=rf"{env_id} physics.*closed_form"):
+        gym.make(env_id, physics="closed_form")
