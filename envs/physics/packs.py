@@ -28,7 +28,7 @@ _REAL, _VECTOR = ir.DoubleType(), ir.VectorType(ir.DoubleType(), WIDTH)
 
 class _Pack(types.Type):
     def __init__(self) -> None:
-        super().__init__(name=f"Pack{WIDTH}")  # type: ignore[no-untyped-call]
+        super().__init__(name=f"Pack{WIDTH}")
 
 
 PACK = _Pack()
@@ -38,9 +38,9 @@ _POINTER, _REALS = types.CPointer(PACK), types.CPointer(types.float64)  # type: 
 
 
 @register_model(_Pack)
-class _PackModel(models.PrimitiveModel):  # type: ignore[misc]
+class _PackModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _VECTOR)
+        super().__init__(manager, kind, _VECTOR)  # type: ignore[no-untyped-call]
 
 
 def _in_all(builder: Any, kind: Any, value: Any) -> Any:
@@ -56,7 +56,7 @@ def _define(operation: Any, instruction: str) -> None:
     """An operator of packs, and of a pack with a number."""
     kinds = [(PACK, PACK), (PACK, types.float64), (types.float64, PACK)]
 
-    class Operator(ConcreteTemplate):  # type: ignore[misc]
+    class Operator(ConcreteTemplate):
         cases = [signature(PACK, *pair) for pair in kinds]  # type: ignore[no-untyped-call]  # noqa: RUF012
 
     infer_global(operation)(Operator)  # type: ignore[no-untyped-call]
@@ -99,7 +99,8 @@ def memory(count: int) -> Callable[[], Any]:
     def place(typing_context: Any) -> Any:
         return _POINTER(), build
 
-    return place  # type: ignore[no-any-return]
+    made: Any = place
+    return made  # type: ignore[no-any-return]
 
 
 def _as_reals(typing_context: Any, packs: Any) -> Any:

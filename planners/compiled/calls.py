@@ -72,7 +72,7 @@ def address_of(compiled: Any, *kinds: Any) -> int:
 
 def _kind_of(argument: Any) -> Any:
     if isinstance(argument, np.ndarray):
-        return typeof(argument)
+        return typeof(argument)  # type: ignore[no-untyped-call]
     return from_dtype(argument) if isinstance(argument, np.dtype) else argument
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import envs
 
@@ -73,3 +74,26 @@ def test_it_stays_near_pymunk_but_is_not_it() -> None:
 def test_other_tasks_refuse_it(env_id: str) -> None:
     with pytest.raises(ValueError, match=rf"{env_id} physics.*closed_form"):
         gym.make(env_id, physics="closed_form")
+
+
+def test_it_follows_the_lagrange_euler_equations() -> None:
+    env = made()
+    env.reset(seed=2)
+    task, errors = env.unwrapped.task, []
+    arm = task.arm
+    for k in range(20):
+        record = task.batch[0]
+        begun = np.concatenate([record["q"], record["qd"]])
+        env.step(action_of(env, k))
+        record = task.batch[0]
+        tau = record["tau"].copy()
+
+        def rates(_t: float, state: Any, tau: Any = tau) -> Any:
+            q, qd = np.split(state, 2)
+            return np.concatenate([qd, arm.forward_dynamics(q, qd, tau)])
+
+        span = (0.0, task.config.control_period)
+        wanted = solve_ivp(rates, span, begun, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        errors.append(np.abs(np.concatenate([record["q"], record["qd"]]) - wanted).max())
+    assert np.abs(begun[3:]).max() > 0.1
+    assert max(errors) < 1e-7
