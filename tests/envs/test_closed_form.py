@@ -97,3 +97,17 @@ def test_it_follows_the_lagrange_euler_equations() -> None:
         errors.append(np.abs(np.concatenate([record["q"], record["qd"]]) - wanted).max())
     assert np.abs(begun[3:]).max() > 0.1
     assert max(errors) < 1e-7
+
+
+def test_a_free_swing_keeps_its_energy() -> None:
+    env = made(gravity=9.81)
+    env.reset(seed=2)
+    task = env.unwrapped.task
+    arm, still = task.arm, np.zeros(env.action_space.shape, np.float32)
+    begun, moved = float(arm.energy(task.batch[0]["q"], task.batch[0]["qd"])), 0.0
+    for _ in range(40):
+        env.step(still)
+        q, qd = task.batch[0]["q"], task.batch[0]["qd"]
+        moved = max(moved, float(arm.energy(q, qd) - arm.energy(q, 0.0 * qd)))
+        assert abs(float(arm.energy(q, qd)) - begun) < 1e-5 * max(moved, 1.0)
+    assert moved > 1.0
