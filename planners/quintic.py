@@ -1,6 +1,6 @@
 """The quintic move from rest to rest, ``q(t) = q0 + (qf - q0) (10 s^3 - 15 s^4 + 6 s^5)`` with ``s = t / T``.
 
-The baseline of planners that minimise torque.
+The baseline of planners that minimise torque. From a moving start it is the quintic that matches that start.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from planners.capabilities import Takes, variant
-from planners.motion.time_laws import quintic_motion
-from planners.problem import FixedJoints, Infeasible, MotionProblem
+from planners.motion.time_laws import quintic_motion, stop_motion
+from planners.problem import FixedJoints, MotionProblem
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -21,22 +21,23 @@ SAMPLES = 200
 
 @variant("quintic", "", {"joints": Takes(arrives="on time")})
 def plan(problem: MotionProblem) -> Trajectory:
-    """Move every joint by its quintic, from rest to rest, over the whole horizon.
+    """Move every joint by its quintic, from the start to rest, over the whole horizon.
 
-    The cost is PI1, the integral of the summed absolute torques, N m s.
+    The acceleration at time 0 is the start's where jerk is limited, and 0 where torques may jump. The cost is PI1, the
+    integral of the summed absolute torques, N m s.
 
     Raises:
-        Infeasible: with reason ``start`` if the start moves, ``limits`` if the motion breaks a limit, ``collision``
-            if it touches an obstacle.
+        Infeasible: with reason ``limits`` if the motion breaks a limit, ``collision`` if it touches an obstacle.
         ValueError: if the target is not given in joint angles.
     """
     assert isinstance(problem.target, FixedJoints)  # as declared
-    q0, qd0, _ = problem.start
-    if np.abs(qd0).max() > 1e-3:
-        raise Infeasible("start", f"a quintic from rest to rest cannot start at {qd0} rad/s", qd=qd0)
+    q0, qd0, qdd0 = problem.start
     change = problem.target.q - problem.q
     s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
     q, qd, qdd = quintic_motion(q0, change, problem.horizon, s)
+    smooth = np.where(np.isfinite(problem.joint_limits.array("jerk")), qdd0, 0.0)
+    if qd0.any() or smooth.any():
+        q, qd, qdd = map(np.add, (q, qd, qdd), stop_motion(qd0, smooth, problem.horizon, s))
     t = problem.horizon * s[:, 0]
     effort = np.abs(problem.loaded_arm.inverse_dynamics(q, qd, qdd)).sum(axis=1)
     cost, end = float(np.trapezoid(effort, t)), problem.horizon

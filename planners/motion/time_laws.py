@@ -53,6 +53,29 @@ def quintic_motion(start: Any, change: Any, duration: Any, s: Any) -> tuple[Any,
     return q, qd, qdd
 
 
+def stop_motion(velocity: Array, acceleration: Array, duration: float, s: Array) -> tuple[Array, Array, Array]:
+    """Angle (rad), velocity (rad/s) and acceleration (rad/s^2) that bring a moving start to rest where it began.
+
+    The quintic of each joint with a given velocity and acceleration at the start and none at the end, ``(samples, n)``.
+    Added to a motion from rest to rest, it makes one from the moving start to the same end.
+
+    Args:
+        velocity, acceleration: at the start, ``(n,)``, rad/s and rad/s^2.
+        duration: s.
+        s: shares of the duration, ``(samples, 1)``.
+    """
+    left = 1.0 - s
+    launch = (
+        s * left**3 * (1.0 + 3.0 * s),
+        left**2 * (1.0 - 3.0 * s) * (1.0 + 5.0 * s),
+        -12.0 * s * left * (3.0 - 5.0 * s),
+    )
+    push = 0.5 * s**2 * left**3, 0.5 * s * left**2 * (2.0 - 5.0 * s), left * (1.0 - 8.0 * s + 10.0 * s**2)
+    v, a = duration * velocity, duration**2 * acceleration
+    q, qd, qdd = (v * one + a * other for one, other in zip(launch, push, strict=True))
+    return q, qd / duration, qdd / duration**2
+
+
 def shape_functions(s: Array) -> Array:
     """The window times each Chebyshev polynomial, at shares of the duration.
 

@@ -104,6 +104,23 @@ class TestMove:
             made(control_mode="jerk")
 
 
+@pytest.mark.parametrize("name", ["dpct", "lagrange", "apf", "follower"])
+def test_experts_plan_from_a_start_that_is_measured_in_motion(name: str) -> None:
+    """By 1 mrad/s as an encoder's noise, and after three periods of other torques."""
+    env = made()
+    for seed, periods in ((3, 0), (4, 3)):
+        observation, info = env.reset(seed=seed)
+        for _ in range(periods):
+            observation = env.step(np.array([0.05, -0.1, 0.1], dtype=np.float32))[0]
+        observation[3:6] += np.float32(1e-3) if periods == 0 else np.float32(0.0)
+        expert, over, state = envs.make_expert(name, env), False, None
+        while not over:
+            action, state = expert.predict(observation, state)
+            observation, _, over, _, info = env.step(action)
+        assert info["is_success"]
+        assert expert.infeasible == 0
+
+
 class TestMeasures:
     def test_info_against_the_raw_rollout(self) -> None:
         env = made()

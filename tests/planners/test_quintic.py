@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -67,8 +68,17 @@ def test_the_papers_move_from_rest_to_rest() -> None:
     assert plan.cost == pytest.approx(5.500, abs=1e-3)
 
 
+@pytest.mark.parametrize("jerk", [math.inf, 1e4])
+def test_a_moving_start_is_matched_and_its_acceleration_too_where_jerk_is_limited(jerk: float) -> None:
+    qd, qdd = np.array([0.4, -0.3, 0.2]), np.array([1.0, 2.0, -3.0])
+    plan = quintic.plan(problem(qd=qd, qdd=qdd, limits=JointLimits(jerk=jerk)))
+    for joint in range(3):
+        first = qdd[joint] if math.isfinite(jerk) else 0.0
+        reference = BPoly.from_derivatives([0.0, 0.8], [[START[joint], qd[joint], first], [GOAL[joint], 0.0, 0.0]])
+        for order, values in enumerate((plan.q, plan.qd, plan.qdd)):
+            np.testing.assert_allclose(values[:, joint], reference(plan.t, nu=order), atol=1e-10)
+
+
 def test_what_it_cannot_do_is_said() -> None:
-    with pytest.raises(Infeasible, match="start"):
-        quintic.plan(problem(qd=np.array([0.1, 0.0, 0.0])))
     with pytest.raises(ValueError, match="goes to a target of kind joints, not hand"):
         quintic.plan(problem(target=FixedHand(np.array([0.3, 0.2]), 0.0)))

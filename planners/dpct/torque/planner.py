@@ -1,4 +1,4 @@
-"""DPCT with the torque as its index: along a straight path, from rest to rest in a given time.
+"""DPCT with the torque as its index: along a straight path, to rest in a given time.
 
 The dynamic program of "Motion Planning of a Robot Manipulator for Conveyor Tracking" (T. H. Park, B. H. Lee and
 M. S. Ko) over the phase plane of the progress ``r`` along a path and its rate, with three changes. A step takes the
@@ -26,6 +26,7 @@ from planners.dpct.torque.speed_profile import Track, controllable, extreme_prof
 from planners.goals import goal_postures
 from planners.motion.line import OFF_LINE, reduce_to_line
 from planners.motion.path import Path
+from planners.motion.time_laws import stop_motion
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
 from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
@@ -74,7 +75,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
 
     Straight in joint angles for a target in joint angles; for a hand, straight for the hand, or in joint angles where
     its orientation changes, that path fails, or there are other than two or three links. The arm never moves backwards
-    on the path; where time is left over it may rest on it, or at either end, where that takes least torque.
+    on the path; where time is left over it may rest on it, or at either end, where that takes least torque. To a target
+    in joint angles, what the start moves across the path or against it is braked in addition, over the whole horizon.
 
     Limits of torque, velocity and acceleration, and joint ranges, are kept on a dense grid of samples. The path's
     acceleration is constant from stage to stage and jumps between, so no finite limit of jerk is kept (its ratio is
@@ -82,7 +84,7 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     shorter and higher pulses: the stages then bound them.
 
     Args:
-        problem: at rest, or moving along the path towards the target; obstacles play no part.
+        problem: for the straight path of a hand at rest, or moving along it; obstacles play no part.
         objective: ``"PI1"``, the integral of the summed absolute torques (N m s), or ``"PI2"``, of their squares.
         stages: steps of constant acceleration.
 
@@ -91,8 +93,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
 
     Raises:
         Infeasible: ``late`` if the horizon is too short, with the least time that does as ``minimum_time``;
-            ``start`` if the arm moves across or against the path, or too fast to stop in time; ``limits`` if the limits
-            allow no motion on the path; ``unreachable`` if the path leaves the reach.
+            ``start`` if the arm moves too fast to stop in time; ``limits`` if the limits allow no motion on the path;
+            ``unreachable`` if the path leaves the reach.
         ValueError: if the target moves, or an option is out of range.
     """
     if isinstance(problem.target, MovingHand):
@@ -115,7 +117,7 @@ def _along(way: _Way, objective: Objective) -> Trajectory:
     """The motion of least torque along a way."""
     problem = way.problem
     if way.length == 0.0:
-        return _trajectory(way, None, objective)
+        return _trajectory(way, None, objective, way.across)
     corridor = _fastest_within_limits(way, objective)
     fastest, horizon = corridor.fastest, problem.horizon
     least = corridor.duration(fastest)
@@ -127,11 +129,15 @@ def _along(way: _Way, objective: Objective) -> Trajectory:
     for _ in range(ATTEMPTS):
         late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
         profile = mix(corridor, fastest, corridor.fastest) if late else least_torque(corridor)
-        trajectory = _trajectory(way, profile, objective)
+        trajectory = _trajectory(way, profile, objective, way.across)
         excess = _excess(trajectory)
         if (excess <= 1.0).all():
             return trajectory
         corridor = _corridor(way, objective, _tightened(corridor.track.limits, excess))
+    if way.across is not None:
+        moving = float(np.abs(way.across).max())
+        message = f"beside the straight path the joints move at up to {moving:.3g} rad/s, which the limits do not allow"
+        raise Infeasible("start", f"{message} to brake on the way; allow more time", across=moving)
     raise _between_stages()
 
 
@@ -152,7 +158,8 @@ def _to_postures(problem: MotionProblem, objective: Objective, stages: int, fail
 @dataclass(frozen=True)
 class _Way:
     """The straight path of a problem, ``r`` from 0 to 1: its path, the path's length (0 where the start is the
-    target), the stages ``r`` ``(N + 1,)``, and the rate of r at time 0, 1/s.
+    target), the stages ``r`` ``(N + 1,)``, the rate of r at time 0, 1/s, and the joint velocities that the start has
+    in addition, ``(n,)``, rad/s; None if it has none.
     """
 
     problem: MotionProblem
@@ -160,6 +167,7 @@ class _Way:
     length: float
     r: Array
     speed: float
+    across: Array | None
 
     def joints(self, r: Array) -> tuple[Array, Array, Array]:
         """Joint angles f (eq 9), f' and f'' at ``r``, each ``(samples, n)``."""
@@ -182,14 +190,15 @@ class _Way:
 
 def _way(problem: MotionProblem, stages: int) -> _Way:
     """The way, after checking that its start, the joint ranges and the hold at its end allow it."""
-    line = reduce_to_line(problem)
+    along, across = _split_start(problem)
+    line = reduce_to_line(replace(problem, qd=along))
     length = float(line.target[0])
     slope = float(np.abs(line.path.derivatives(np.zeros(1))[0, 1]).max())
     speed = 0.0 if abs(line.start[1]) * slope <= OFF_LINE else float(line.start[1])
     if speed < 0.0 or (speed > 0.0 and length == 0.0):
         raise Infeasible("start", "the arm moves away from the target; start at rest, or moving straight towards it")
     r = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, stages + 1))
-    way = _Way(problem, line.path, length, r, speed / length if length > 0.0 else 0.0)
+    way = _Way(problem, line.path, length, r, speed / length if length > 0.0 else 0.0, across)
     q = way.joints(np.linspace(0.0, 1.0, 4 * stages + 1))[0]
     limits = problem.joint_limits
     outside = np.argwhere(np.abs(q - limits.angle_middle) > limits.angle_half + 1e-9)
@@ -202,6 +211,20 @@ def _way(problem: MotionProblem, stages: int) -> _Way:
     if (held > 1.0).any():
         raise limit_broken("limits", "holds the arm at the target only with", held[None], KINDS)
     return way
+
+
+def _split_start(problem: MotionProblem) -> tuple[Array, Array | None]:
+    """The start's joint velocities along the straight joint path towards the target, and what is left of them.
+
+    ``(n,)`` each, rad/s; None is left where the path is the hand's, or the difference is rounding.
+    """
+    q, qd, _ = problem.start
+    if not isinstance(problem.target, FixedJoints):
+        return qd, None
+    direction = problem.target.q - q
+    square = float(direction @ direction)
+    along = max(0.0, float(qd @ direction)) / square * direction if square > 0.0 else np.zeros_like(qd)
+    return (along, qd - along) if np.abs(qd - along).max() > OFF_LINE else (qd, None)
 
 
 def _fastest_within_limits(way: _Way, objective: Objective) -> Corridor:
@@ -257,18 +280,24 @@ def _tightened(limits: Array, excess: Array) -> Array:
     return tighter
 
 
-def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Trajectory:
-    """A profile (None: staying at the start) on dense samples, by exact kinematics and inverse dynamics."""
+def _trajectory(way: _Way, profile: Profile | None, objective: Objective, across: Array | None = None) -> Trajectory:
+    """A profile (None: staying at the start) on dense samples, by exact kinematics and inverse dynamics.
+
+    Joint velocities ``across`` of the start, ``(n,)``, are braked meanwhile.
+    """
     problem = way.problem
     t, r, rate, acceleration = _sample(way, profile)
     if math.isclose(t[-1], problem.horizon, rel_tol=ON_TIME):
         t = np.minimum(t * (problem.horizon / t[-1]), problem.horizon)
         t[-1] = problem.horizon
     q, slope, curvature = way.joints(r)
-    if isinstance(problem.target, FixedJoints):
-        q[-1] = problem.target.q  # to the last digit
     qd = slope * rate[:, None]
     qdd = curvature * rate[:, None] ** 2 + slope * acceleration[:, None]
+    if across is not None:
+        stopping = stop_motion(across, np.zeros_like(across), t[-1], t[:, None] / t[-1])
+        q, qd, qdd = map(np.add, (q, qd, qdd), stopping)
+    if isinstance(problem.target, FixedJoints):
+        q[-1] = problem.target.q  # to the last digit
     end = float(t[-1])
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, rendezvous_time=end, planner="dpct (torque)")
     load = np.sum(trajectory.tau**2 if objective == "PI2" else np.abs(trajectory.tau), axis=1)
@@ -278,7 +307,8 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective) -> Tra
 def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:
     """Time, r, its rate and its acceleration, ``(samples,)`` each, to rest at the end."""
     if profile is None:
-        return np.array([0.0, way.problem.horizon]), np.zeros(2), np.zeros(2), np.zeros(2)
+        t = way.problem.horizon * np.linspace(0.0, 1.0, 2 if way.across is None else 4 * len(way.r))
+        return t, np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
     speeds, stage = profile.speeds, profile.rest_stage
     acceleration = np.diff(speeds**2) / (2.0 * np.diff(way.r))
     duration = 2.0 * np.diff(way.r) / (speeds[:-1] + speeds[1:])
