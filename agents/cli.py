@@ -41,7 +41,7 @@ COMMANDS = {
     "curves": Command("agents.commands.curves", "CurvesOptions", "draw learning curves of training runs"),
     "submit": Command("agents.submissions.command", "SubmitOptions", "an agent of your own for the leaderboard"),
     "paper-dpct": Command("agents.papers.dpct.command", "ReportOptions", "the conveyor-tracking paper's results"),
-    "paper-lagrange": Command("agents.papers.lagrange", "ReportOptions", "the minimal-torque paper's results"),
+    "paper-lagrange": Command("agents.papers.lagrange.command", "ReportOptions", "the minimal-torque paper's results"),
     "paper-apf": Command("agents.papers.apf.command", "ReportOptions", "the potential-field paper's results"),
     "paper-excavator": Command(
         "agents.papers.excavator.command", "PaperExcavatorOptions", "the excavator paper's results"

@@ -62,6 +62,9 @@ BLOCKS = {
     "published by planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 0),
     "searches of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 1),
     "moves of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 2),
+    "figures of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 3),
+    "nodes of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 4),
+    "readings of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 5),
     "scenes of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 0),
     "random moves of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 1),
 }

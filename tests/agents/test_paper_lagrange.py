@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from paper_results import Regenerate
 
-from agents.papers.lagrange import ALGORITHMS, MODELS, paper_problem
+from agents.papers.lagrange.interpolation import COUNTS, FAMILIES, QUINTIC, node_polynomial
+from agents.papers.lagrange.runs import ALGORITHMS, ANGLE_READINGS, MODELS, paper_problem, reading_torques
+from planners.lagrange.paper import chebyshev_nodes, lagrange_basis, published_motion
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +83,42 @@ def test_the_scenario_is_the_papers() -> None:
     assert arm.gravity == 9.81
     assert paper_problem().arm.gravity == 0.0
     assert paper_problem().horizon == 1.0
+
+
+def test_absolute_angles_come_within_three_percent_of_the_published_ratio_in_two_readings(
+    document: dict[str, Any],
+) -> None:
+    rows = {(row["model"], row["reading"]): row for row in document["readings"]}
+    relative, motors, generalised = (reading.title for reading in ANGLE_READINGS)
+    close = [key for key, row in rows.items() if abs(row["ratio"] / row["published_ratio"] - 1.0) < 0.03]
+    assert close == [("gravity off", motors), ("gravity on", generalised)]
+    printed = {(row["model"], row["algorithm"]): row["pi1"] for row in document["published"]}
+    for model in MODELS:
+        assert rows[model, relative]["pi1"] == pytest.approx([printed[model, name] for name in ALGORITHMS.values()])
+
+
+def test_torques_in_absolute_angles_do_the_same_work_as_those_of_the_motors() -> None:
+    (t, motors), (_, generalised) = (
+        reading_torques("gravity on", "lagrange", reading) for reading in ANGLE_READINGS[1:]
+    )
+    speeds = published_motion(paper_problem("gravity on"), "lagrange").qd  # absolute, as printed
+    relative = np.diff(speeds, axis=1, prepend=0.0)
+    assert len(t) == len(motors)
+    np.testing.assert_allclose((motors * relative).sum(1), (generalised * speeds).sum(1), atol=1e-9)
+
+
+def test_runges_phenomenon_occurs_with_equidistant_nodes_only(document: dict[str, Any]) -> None:
+    errors = {(row["nodes"], row["count"]): row["runge_error"] for row in document["nodes"]}
+    for name in FAMILIES:
+        rising = [errors[name, count] for count in COUNTS]
+        assert rising == sorted(rising, reverse=name != "equidistant")
+    assert errors["Table 2", 5] > errors["equidistant", 5] > errors["eq 7", 5]
+
+
+def test_the_error_of_five_nodes_is_what_equations_10_and_11_say(document: dict[str, Any]) -> None:
+    for row in document["nodes"]:
+        assert row["quintic_error"] == pytest.approx(row["quintic_bound"], rel=1e-6, abs=1e-9)
+    t, nodes = np.linspace(0.0, 1.0, 11), chebyshev_nodes(5)
+    through = sum(QUINTIC(node) * basis(t) for node, basis in zip(nodes, lagrange_basis(nodes.tolist()), strict=True))
+    np.testing.assert_allclose(QUINTIC(t) - through, 6.0 * node_polynomial(nodes, t), atol=1e-12)
+    assert abs(node_polynomial(nodes, np.linspace(0.0, 1.0, 1001))).max() == pytest.approx(2.0 * 0.25**5)

@@ -1,0 +1,1 @@
+"""The minimal-torque paper's results regenerated."""
