@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Fields = list[tuple[Any, ...]]
 Records = NDArray[np.void]
 
-PRIVATE = ("space", "ground", "links", "joints", "extra_body", "table", "env_index")
+PRIVATE = ("space", "ground", "links", "joints", "table", "env_index")
 """Fields with addresses, and the place in the batch. They come first in a record and are in no public view: a wrong
 address would end the process."""
 

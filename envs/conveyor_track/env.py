@@ -105,6 +105,7 @@ class ConveyorTrack(Task):
     options_type = ConveyorTrackOptions
     kernels: ClassVar[Any] = kernels
     default_arm = SCARA_1M
+    physics = ("pymunk", "closed_form")
     layout = LAYOUT
     reward_terms = ("progress", "settling", "limits")
     outcomes: ClassVar = {
@@ -122,7 +123,6 @@ class ConveyorTrack(Task):
         arm = arm_of(config, SCARA_1M)
         self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
         super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
-        self._batch.world.add_kinematic_bodies(self._batch.records)
         self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload, arm)
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from envs.physics import chipmunk
-from envs.physics.actuation import apply_action
+from envs.physics.actuation import command, finish_period, move_arms
 from envs.physics.episode import (
     ADVANCE,
     BEGIN,
@@ -45,15 +44,19 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
+    for start in range(first, last, shared.pack):
+        end = min(start + shared.pack, last)
         if work == ADVANCE:
-            _advance(env, shared)
-        elif work == BEGIN:
-            _begin(env, shared)
-        else:
-            _place_part(env)
-        _observe(env, shared)
+            for index in range(start, end):
+                command(batch[index], shared, batch[index].action)
+            move_arms(batch, model, start, end, shared.substeps)
+        for index in range(start, end):
+            env = batch[index]
+            if work == ADVANCE:
+                _finish(env, shared)
+            elif work == BEGIN:
+                _begin(env, shared)
+            _observe(env, shared)
 
 
 reset_env, advance_batch, refresh_env = entry_points(run)
@@ -61,33 +64,24 @@ reset_env, advance_batch, refresh_env = entry_points(run)
 
 @inlined
 def _begin(env: Any, shared: Any) -> None:
-    """Begin an episode whose posture and part are set: bodies, counters."""
+    """Begin an episode whose posture and part are set."""
     begin_episode(env, shared)
     env.settled_steps = 0
     env.steady_state_error = env.lq_cost = 0.0
     copy_array(env.belt_start, env.part_position)
-    _place_part(env)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
 
 
-@private
-def _place_part(env: Any) -> None:
-    """Place the part's body where the record has it."""
-    chipmunk.body_set_position(env.extra_body, env.part_position[0], env.part_position[1])
-
-
 @inlined
-def _advance(env: Any, shared: Any) -> None:
-    """Advance an environment by one control period under its ``action``."""
-    # What the period is compared with.
+def _finish(env: Any, shared: Any) -> None:
+    """Measure and score a control period after the physics of the arm; moves the part."""
+    # What the period is compared with: errors are those before it.
     progress_before = _progress(env, shared)
     settled_before = env.settled_steps
     cost_rate_before = _lq_cost_rate(env)
-    # Physics of arm and belt.
-    _set_belt_moving(env, shared)
-    worst_ratio = apply_action(env, shared, env.action)
-    _read_part(env, shared)
+    worst_ratio = finish_period(env, shared)
+    _move_part(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     _measure_errors(env)
     env.step += 1
@@ -106,21 +100,12 @@ def _advance(env: Any, shared: Any) -> None:
 
 
 @inlined
-def _set_belt_moving(env: Any, shared: Any) -> None:
-    """Give the part the belt's velocity in the middle of the period: exact for a constant acceleration."""
-    half = 0.5 * shared.control_period
-    chipmunk.body_set_velocity(
-        env.extra_body,
-        env.part_velocity[0] + half * env.part_acceleration[0],
-        env.part_velocity[1] + half * env.part_acceleration[1],
-    )
-
-
-@inlined
-def _read_part(env: Any, shared: Any) -> None:
-    """Read the part's position off its body, and integrate its velocity."""
-    env.part_position[0], env.part_position[1] = chipmunk.body_get_position(env.extra_body)
+def _move_part(env: Any, shared: Any) -> None:
+    """Move the part by one control period with the velocity in the middle of it: exact for a constant acceleration."""
     for axis in range(2):
+        velocity = env.part_velocity[axis] + 0.5 * shared.control_period * env.part_acceleration[axis]
+        for _ in range(shared.substeps):
+            env.part_position[axis] += velocity * shared.physics_step
         env.part_velocity[axis] += shared.control_period * env.part_acceleration[axis]
 
 

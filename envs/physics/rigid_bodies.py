@@ -41,7 +41,6 @@ def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("links", "i8", (n_joints,)),
         ("joints", "i8", (n_joints,)),
         ("ground", "i8"),
-        ("extra_body", "i8"),
     ]
 
 
@@ -90,9 +89,6 @@ class NoWorld:
     def __init__(self, count: int) -> None:
         self.shape = count, 0
 
-    def add_kinematic_bodies(self, batch: Records) -> None:
-        """Their motion is in the records."""
-
     def place(self, batch: Records, model: Records, index: int) -> None:
         """An arm is where its record has it."""
 
@@ -133,15 +129,6 @@ class World:
         self._addresses = batch["space"].copy(), batch["links"].copy(), batch["joints"].copy()
         # Pymunk cannot free a space while the interpreter unloads its modules; the finalizer runs before that.
         weakref.finalize(self, self._spaces.clear)
-
-    def add_kinematic_bodies(self, batch: Records) -> None:
-        """Add a body with a prescribed motion to each space; its address goes into the field ``extra_body``."""
-        bodies = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in self._spaces]
-        for space, body in zip(self._spaces, bodies, strict=True):
-            space.add(body)
-        batch["extra_body"] = [chipmunk.address(body._body) for body in bodies]
-        spaces, moving, joints = self._addresses
-        self._addresses = spaces, np.column_stack([moving, batch["extra_body"]]), joints
 
     def place(self, batch: Records, model: Records, index: int) -> None:
         """Place the bodies of one environment as its record has them."""

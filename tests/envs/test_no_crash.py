@@ -138,7 +138,7 @@ for records in (task.batch, task.model):
     attempt(lambda: records.resize(10**6, refcheck=False))
     attempt(lambda: setattr(records, "dtype", np.uint8))
     attempt(lambda: setattr(records, "shape", (1, -1)))
-assert not {"space", "ground", "links", "joints", "extra_body", "table"} & set(task.batch.dtype.names)
+assert not {"space", "ground", "links", "joints", "table"} & set(task.batch.dtype.names)
 for name, value in (("batch", np.zeros(1)), ("model", None), ("num_envs", 10**6)):
     attempt(lambda: setattr(task, name, value))
 count = task.num_envs
