@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -48,14 +48,23 @@ class Bounds:
     lower_bound: list[float | None] = field(default_factory=list)
 
 
-def solve(env: Any, env_index: int) -> spacetime.Answer:
-    """The earliest motion in an environment of a vector environment that is at the start of an episode."""
+def solve(env: Any, env_index: int, acceleration: float = 0.5, **settings: Any) -> spacetime.Answer:
+    """The earliest motion in an environment of a vector environment that is at the start of an episode.
+
+    Args:
+        env: the vector environment.
+        env_index: of the environment in it.
+        acceleration: share of the arm's limits that is used.
+        settings: in place of `SETTINGS`.
+    """
     record, config, problem = env.task.batch[env_index], env.task.config, env.motion_problem(env_index)
+    settings = SETTINGS | settings
+    hardest = acceleration * problem.arm.limits.array("acceleration")
     length, time = env.task.scale
     fitting = {
-        "time_steps": [time * step for step in SETTINGS["time_steps"]],
-        "gap": time * SETTINGS["gap"],
-        "margin": length * SETTINGS["margin"],
+        "time_steps": [time * step for step in settings["time_steps"]],
+        "gap": time * settings["gap"],
+        "margin": length * settings["margin"],
     }
     return spacetime.search(
         problem.arm,
@@ -64,11 +73,11 @@ def solve(env: Any, env_index: int) -> spacetime.Answer:
         env.task.obstacle_path(env_index),
         env.task.scale.path_step,
         record["radii"],
-        limits=problem.limits,
+        limits=replace(problem.arm.limits, acceleration=tuple(hardest.tolist())),
         tolerance=config.tolerance,
         hold=config.hold_time,
         horizon=config.horizon,
-        **(SETTINGS | fitting),
+        **(settings | fitting),
     )
 
 

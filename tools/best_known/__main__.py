@@ -18,10 +18,10 @@ import tyro
 from agents.console import note, progress_bar
 from agents.provenance import versions
 from envs.best_known import PAPER, file_of, read, write
-from tools.best_known import conveyor
+from tools.best_known import conveyor, dodge, torque_move
 from tools.best_known.playback import begin, play_actions
 
-TASKS: dict[str, ModuleType] = {module.ENV_ID: module for module in (conveyor,)}
+TASKS: dict[str, ModuleType] = {module.ENV_ID: module for module in (conveyor, torque_move, dodge)}
 """The modules that search, by task."""
 
 

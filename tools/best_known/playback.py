@@ -25,7 +25,7 @@ class Motion(NamedTuple):
 
 
 class Played(NamedTuple):
-    """An episode: the last info, the actions ``(periods, k)``, and the motion that the environment made."""
+    """An episode: the last info, its torques as actions of torque mode ``(periods, n)``, and the motion."""
 
     info: dict[str, Any]
     actions: Actions
@@ -37,10 +37,14 @@ class Played(NamedTuple):
         return float(self.info[metric]) if kept else math.inf
 
 
+def options_of(key: int) -> dict[str, Any]:
+    """What ``reset`` is given for a seed, or for `PAPER`."""
+    return {"scenario": "paper"} if key == PAPER else {}
+
+
 def begin(env: gym.Env[Any, Any], key: int) -> Any:
     """Begin the episode of a seed, or of the paper's start; the observation."""
-    options = {"scenario": "paper"} if key == PAPER else {}
-    observation, _ = env.reset(seed=max(key, 0), options=options)
+    observation, _ = env.reset(seed=max(key, 0), options=options_of(key))
     return observation
 
 
@@ -73,7 +77,7 @@ def play_motion(env: gym.Env[Any, Any], key: int, motion: Motion, stiffness: flo
     Args:
         env: in torque mode.
         key: seed of the episode, or `PAPER`.
-        motion: with as many periods as the episode.
+        motion: after its end the joints stop.
         stiffness: acceleration for an error of the angles, 1/s^2.
     """
     task: Any = env.unwrapped
@@ -81,7 +85,9 @@ def play_motion(env: gym.Env[Any, Any], key: int, motion: Motion, stiffness: flo
 
     def act(observation: Any, index: int) -> Any:
         q, qd = task.joint_state()
-        qdd = (motion.qd[index + 1] - qd) / period + stiffness * (motion.q[index] - q)
+        inside = index + 1 < len(motion.qd)
+        wanted = motion.qd[index + 1] if inside else np.zeros_like(qd)
+        qdd = (wanted - qd) / period + (stiffness * (motion.q[index] - q) if inside else 0.0)
         torque = held_torque(arm, q[None], qd[None], qdd[None], period)[0]
         return np.clip(torque / arm.limits.array("torque"), -1.0, 1.0)
 
@@ -92,9 +98,11 @@ def _play(env: gym.Env[Any, Any], key: int, act: Any) -> Played:
     task: Any = env.unwrapped
     observation, over = begin(env, key), False
     states, actions = [task.joint_state()], list[Any]()
+    record, torque = task.task.batch[0], task.task.arm.limits.array("torque")
     while not over:
-        actions.append(np.asarray(act(observation, len(actions)), dtype=np.float32))
-        observation, _, terminated, truncated, info = env.step(actions[-1])
+        action = np.asarray(act(observation, len(actions)), dtype=np.float32)
+        observation, _, terminated, truncated, info = env.step(action)
+        actions.append((record["tau"] / torque).astype(np.float32))
         states.append(task.joint_state())
         over = terminated or truncated
     q, qd = (np.array(part) for part in zip(*states, strict=True))
