@@ -67,6 +67,7 @@ BLOCKS = {
     "readings of planarm paper-lagrange": Block("docs/papers/lagrange.md", "planarm paper-lagrange", 5),
     "scenes of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 0),
     "random moves of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 1),
+    "norms of planarm paper-apf": Block("docs/papers/apf.md", "planarm paper-apf", 2),
 }
 
 

@@ -11,13 +11,14 @@ Solutions with Singularity Robustness").
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
-from planners.apf.khatib import Gains, make_gains, wall
+from planners.apf.khatib import Gains, make_gains, p_norm, wall
 from planners.typing import Array
 
 Distance = Literal["table", "static"]
@@ -28,11 +29,12 @@ _DAMPING = 0.1  # largest lambda, as a share of the geometric mean of the link l
 
 
 class HandField(NamedTuple):
-    """The gains of the potential, and ``shifts`` and ``max_speed`` of the :class:`DistanceTable`."""
+    """The gains of the potential, ``shifts`` and ``max_speed`` of the :class:`DistanceTable`, and p of eq 19."""
 
     gains: Gains
     shifts: Array
     max_speed: float
+    norm: float
 
 
 def make_field(
@@ -42,6 +44,7 @@ def make_field(
     attraction: float = ATTRACTION,
     repulsion: float = REPULSION,
     influence: float = INFLUENCE,
+    norm: float = 2.0,
 ) -> HandField:
     """The paper's field on the hand.
 
@@ -49,15 +52,21 @@ def make_field(
         square: Khatib's wall; else eq 8 as printed (see :mod:`planners.apf.khatib`).
         distance: ``"table"`` is eq 20 with a look-ahead time of 0.4 s; ``"static"`` is eq 10; or a table.
         attraction, repulsion, influence: as for :func:`planners.apf.khatib.make_gains`.
+        norm: p of the distance from the centre of a disc (eq 19), from 1 to inf. Below 2 it exceeds the true distance,
+            and the hand may touch a disc.
 
     Raises:
-        ValueError: if a gain is not finite and positive, or the distance is unknown.
+        ValueError: if a gain is not finite and positive, the distance is unknown, or the norm is below 1.
     """
+    if math.isnan(norm) or norm < 1.0:
+        raise ValueError(f"norm {norm:g} must be from 1 to inf: the p of eq 19")
     if not isinstance(distance, DistanceTable):
         if distance not in ("table", "static"):
             raise ValueError(f"distance {distance!r} must be 'table', 'static' or a DistanceTable")
         distance = DistanceTable.looking_ahead(LOOK_AHEAD if distance == "table" else 0.0)
-    return HandField(make_gains(attraction, repulsion, influence, square), distance.shifts, distance.max_speed)
+    return HandField(
+        make_gains(attraction, repulsion, influence, square), distance.shifts, distance.max_speed, float(norm)
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -105,10 +114,11 @@ def hand_velocity_single(
     for k in range(radii.shape[0]):
         dx, dy = hand[0] - positions[k, 0], hand[1] - positions[k, 1]
         vx, vy = velocities[k, 0] - hand_velocity[0], velocities[k, 1] - hand_velocity[1]
-        distance, shift = np.hypot(dx, dy), disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
+        distance, along, across, scale = p_norm(dx, dy, field.norm)
+        shift = disc_shift(field.shifts, field.max_speed, dx, dy, vx, vy)
         _, slope = wall(field.gains, distance - radii[k] + shift)
         if distance > 0.0:  # no direction at the centre
-            velocity[0] += slope * dx / distance
-            velocity[1] += slope * dy / distance
+            velocity[0] += slope * along / scale
+            velocity[1] += slope * across / scale
     velocity[0] = -velocity[0]
     velocity[1] = -velocity[1]

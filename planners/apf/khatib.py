@@ -7,6 +7,7 @@ numbers, after O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mob
     (8, 9)    U_rep = 1/2 eta (1 / rho - 1 / rho_0)  up to rho = rho_0, and 0 beyond          "printed"
     Khatib    U_rep = 1/2 eta (1 / rho - 1 / rho_0)^2  up to rho = rho_0, and 0 beyond        the square (8) lacks
     (10)      rho = least distance of the hand p from the obstacle
+    (19)      |p - o| = (|x - x'|^p + |y - y'|^p)^(1/p),  with p = 2 "in general"
 
 The slope of the printed form jumps at rho_0 from 0 to ``-eta / (2 rho_0^2)``; that of Khatib's is continuous. The
 potential drives the hand's velocity (eq 16), so it is in m^2/s.
@@ -20,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 NEAREST_SHARE = 0.1
@@ -64,8 +66,32 @@ def wall(gains: Gains, rho: float) -> tuple[float, float]:
     return value + slope * (rho - inside), slope
 
 
+@private
+def p_norm(x: float, y: float, p: float) -> tuple[float, float, float, float]:
+    """The p-norm (eq 19) of a vector and a, b, c: its gradient is ``(a / c, b / c)``; c is 0 for no vector."""
+    if p == 2.0:
+        norm = math.hypot(x, y)
+        return norm, x, y, norm
+    wide, high = abs(x), abs(y)
+    largest = max(wide, high)
+    if largest == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    if p == np.inf:
+        return largest, math.copysign(1.0, x) * (wide == largest), math.copysign(1.0, y) * (wide < largest), 1.0
+    wide, high = wide / largest, high / largest
+    share = (wide**p + high**p) ** (1.0 / p)
+    return (
+        largest * share,
+        math.copysign(wide ** (p - 1.0), x),
+        math.copysign(high ** (p - 1.0), y),
+        share ** (p - 1.0),
+    )
+
+
 @njit(cache=True, nogil=True)
-def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: Array) -> tuple[Array, Array]:
+def potential(
+    gains: Gains, hands: Array, goal: Array, positions: Array, radii: Array, norm: float = 2.0
+) -> tuple[Array, Array]:
     """Attractive and repulsive potential (eq 6, 8 to 10), each ``(points,)``, m^2/s; eq 3 is their sum.
 
     Args:
@@ -73,11 +99,13 @@ def potential(gains: Gains, hands: Array, goal: Array, positions: Array, radii: 
         hands: positions, ``(points, 2)``, m.
         goal: ``(2,)``, m.
         positions, radii: of the discs, ``(k, 2)`` and ``(k,)``, m; the radii include that of the hand.
+        norm: p of eq 19.
     """
     bowl, walls = np.empty(hands.shape[0]), np.zeros(hands.shape[0])
     for i in range(hands.shape[0]):
         x, y = hands[i, 0], hands[i, 1]
         bowl[i] = 0.5 * gains.attraction * ((x - goal[0]) ** 2 + (y - goal[1]) ** 2)
         for k in range(radii.shape[0]):
-            walls[i] += wall(gains, np.hypot(x - positions[k, 0], y - positions[k, 1]) - radii[k])[0]
+            distance, _, _, _ = p_norm(x - positions[k, 0], y - positions[k, 1], norm)
+            walls[i] += wall(gains, distance - radii[k])[0]
     return bowl, walls

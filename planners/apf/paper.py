@@ -80,6 +80,7 @@ def plan_paper(
     attraction: float = ATTRACTION,
     repulsion: float = REPULSION,
     influence: float = INFLUENCE,
+    norm: float = 2.0,
     period: float | None = None,
     tolerance: float = 1e-3,
 ) -> Trajectory:
@@ -87,7 +88,7 @@ def plan_paper(
 
     Args:
         problem: a two-link arm and a target at rest. Its limits are not kept.
-        square, distance, attraction, repulsion, influence: as for :func:`planners.apf.hand_field.make_field`.
+        square, distance, attraction, repulsion, influence, norm: as for :func:`planners.apf.hand_field.make_field`.
         period: of the sampling, s; when left out `PERIOD`, or half of a horizon shorter than two. A motion has at
             most 5 million samples: a longer horizon is not followed to its end.
         tolerance: distance from the goal that counts as reached, m; the hand still moves at xi times that.
@@ -102,7 +103,12 @@ def plan_paper(
         ValueError: if the problem or an option is not of this kind.
     """
     field = make_field(
-        square=square, distance=distance, attraction=attraction, repulsion=repulsion, influence=influence
+        square=square,
+        distance=distance,
+        attraction=attraction,
+        repulsion=repulsion,
+        influence=influence,
+        norm=norm,
     )
     motion = follow_field(problem, field, period=period, tolerance=tolerance)
     if motion.outcome != "reached":

@@ -9,7 +9,17 @@ import pytest
 from paper_results import Regenerate
 
 from agents.papers.apf.facts import stable_distance
-from agents.papers.apf.runs import DISTANCES, GOAL, SCENES, START, WALLS, paper_problem, random_problems, scene_records
+from agents.papers.apf.runs import (
+    DISTANCES,
+    GOAL,
+    NORMS,
+    SCENES,
+    START,
+    WALLS,
+    paper_problem,
+    random_problems,
+    scene_records,
+)
 from planners.apf.hand_field import make_field
 from planners.apf.khatib import wall
 
@@ -64,6 +74,25 @@ def test_random_shares_add_up_and_it_is_the_links_that_are_hit(document: dict[st
         plain = next(other for other in document["random"] if other["wall"] == row["wall"])
         assert row["reached"] == pytest.approx(plain["reached"] + row["gained"] - row["lost"])
         assert row["link_hit"] > 10.0 * row["hand_hit"]
+
+
+def test_the_norms_are_those_of_the_plain_distance_and_a_small_p_lets_the_disc_come_near(
+    document: dict[str, Any],
+) -> None:
+    rows = {float(row["norm"] or "inf"): row for row in document["norms"]}  # JSON has no infinity
+    assert list(rows) == list(NORMS)
+    plain = next(row for row in document["random"] if (row["distance"], row["wall"]) == ("static", "Khatib"))
+    assert [rows[2.0][name] for name in ("reached", "hand_hit", "link_hit")] == [
+        plain[name] for name in ("reached", "hand_hit", "link_hit")
+    ]
+    crossing = next(row for row in document["scenes"] if (row["distance"], row["wall"]) == ("static", "Khatib"))
+    assert rows[2.0]["hand_clearance"] == crossing["hand_clearance"]
+    assert rows[1.0]["outcome"] == "collision"
+    clearances = [row["hand_clearance"] for row in rows.values()]
+    assert clearances == sorted(clearances)
+    for norm, row in rows.items():
+        corner = np.full(2, row["diagonal"] / np.sqrt(2.0))
+        assert np.linalg.norm(corner, norm) == pytest.approx(1.0)
 
 
 def test_steps_are_timed(document: dict[str, Any]) -> None:

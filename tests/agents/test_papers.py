@@ -20,10 +20,10 @@ from agents.papers.report import Fact, Part, Parts, Report, ReportOptions, publi
 RECORDS = {
     "paper-dpct": ["plans", "start_clocks", "figures", "table_1", "belts", "facts"],
     "paper-lagrange": ["published", "searches", "moves", "figures", "nodes", "readings", "facts"],
-    "paper-apf": ["scenes", "clearances", "random", "facts"],
+    "paper-apf": ["scenes", "clearances", "random", "norms", "facts"],
     "paper-excavator": ["payloads", "rough", "facts"],
 }
-TABLES = {"paper-dpct": 5, "paper-lagrange": 6, "paper-apf": 2, "paper-excavator": 6}
+TABLES = {"paper-dpct": 5, "paper-lagrange": 6, "paper-apf": 3, "paper-excavator": 6}
 FACTS = {"paper-dpct": 2, "paper-lagrange": 6, "paper-apf": 7, "paper-excavator": 7}
 FIGURES = [
     dpct_figures.figures,

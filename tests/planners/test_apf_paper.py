@@ -39,8 +39,8 @@ def gradient_at(field: HandField, hand: Array, goal: Array, discs: Array, veloci
     return -velocity
 
 
-def total_potential(gains: Gains, hand: Array, discs: Array, radii: Array) -> float:
-    bowl, walls = potential(gains, hand[None], GOAL, discs, radii)
+def total_potential(gains: Gains, hand: Array, discs: Array, radii: Array, norm: float = 2.0) -> float:
+    bowl, walls = potential(gains, hand[None], GOAL, discs, radii, norm)
     return float(bowl[0] + walls[0])
 
 
@@ -70,6 +70,27 @@ def test_gradient_is_the_slope_of_the_potential(square: bool, hand: Array, discs
     for axis, shift in enumerate(step * np.eye(2)):
         ahead, behind = (total_potential(gains, hand + sign * shift, centers, radii) for sign in (1.0, -1.0))
         assert gradient[axis] == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("norm", [1.0, 1.5, 4.0, np.inf])
+def test_the_potential_takes_the_distance_in_the_p_norm(norm: float) -> None:
+    field, disc, radii = make_field(distance="static", norm=norm), np.array([[0.3, 0.2]]), np.array([0.1])
+    for hand in (np.array([0.55, 0.31]), np.array([0.21, -0.05]), np.array([0.5, 0.15])):
+        distance = np.linalg.norm(hand - disc[0], norm) - 0.1
+        bowl = 0.5 * field.gains.attraction * ((hand - GOAL) ** 2).sum()
+        assert total_potential(field.gains, hand, disc, radii, norm) == pytest.approx(
+            bowl + wall(field.gains, distance)[0]
+        )
+        gradient = gradient_at(field, hand, GOAL, disc, np.zeros((1, 2)), radii)
+        for axis, shift in enumerate(1e-6 * np.eye(2)):
+            ahead, behind = (total_potential(field.gains, hand + sign * shift, disc, radii, norm) for sign in (1, -1))
+            assert gradient[axis] == pytest.approx((ahead - behind) / 2e-6, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("norm", [0.5, -1.0, math.nan])
+def test_a_norm_below_one_is_refused(norm: float) -> None:
+    with pytest.raises(ValueError, match="must be from 1 to inf"):
+        make_field(norm=norm)
 
 
 def test_the_printed_wall_pushes_at_once_and_khatibs_does_not() -> None:

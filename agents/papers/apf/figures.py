@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from agents.figures.sheet import Axes, name_axes
-from agents.papers.apf.runs import DISTANCES, WALLS, paper_motion, paper_problem
+from agents.papers.apf.runs import DISTANCES, NORMS, WALLS, paper_motion, paper_problem
 from agents.papers.report import Part, Parts, Sheet
 from planners import Arm, MotionProblem
 from planners.apf.distance_table import DistanceTable
@@ -26,11 +26,12 @@ _HIGHEST = 1.0  # m^2/s; higher values of the wall are cut off
 
 
 def figures() -> Parts:
-    """The paper's figures 2 and 3, clearances over time and the distance table."""
+    """The paper's figures 2 and 3, clearances over time, the distance table and the p-norm."""
     return {
-        "figure_2": Part(_draw_figure_2, 13.0, 3.8),
-        "figure_3": Part(_draw_figure_3, 13.0, 4.5),
-        "clearances": Part(_draw_curves, 13.0, 3.4),
+        "figure_2": Part(_draw_figure_2, 10.0, 3.4),
+        "figure_3": Part(_draw_figure_3, 10.0, 3.9),
+        "clearances": Part(_draw_curves, 10.0, 3.4),
+        "norms": Part(_draw_norms, 9.0, 4.0),
     }
 
 
@@ -54,6 +55,27 @@ def _draw_curves(sheet: Sheet) -> None:
         }
         draw_clearances(axes, motions, scene.capitalize(), INSTANTS[-1])
     draw_table(table, DistanceTable.looking_ahead(LOOK_AHEAD), (0.25, 0.5, 1.0, 2.0))
+
+
+def _draw_norms(sheet: Sheet) -> None:
+    walls, clearances = sheet.subplots(1, 2)
+    problem = paper_problem()
+    (disc,), gains = problem.obstacles, make_field().gains
+    center, radius = disc.position + SURFACE_TIME * disc.velocity, disc.radius + problem.arm.link_radius
+    x, y = np.meshgrid(np.linspace(-0.35, 1.05, _GRID), np.linspace(-0.1, 1.0, _GRID))
+    for place, norm in enumerate(NORMS):
+        color, label = f"C{place}", f"p = {norm:g}"
+        motion = paper_motion("crossing", "static", norm=norm)
+        distance = np.linalg.norm([x - center[0], y - center[1]], norm, axis=0) - radius
+        walls.contour(x, y, distance, levels=[0.0, gains.influence], colors=color, linewidths=1.0)
+        until = int(np.searchsorted(motion.t, INSTANTS[-1])) + 1
+        walls.plot(*problem.arm.forward_kinematics(motion.q[:until]).T, color=color, linestyle="--", label=label)
+        clearances.plot(motion.t[:until], motion.hand_clearance[:until], color=color, label=label)
+    _draw_disc(walls, center, radius, (0.5, 0.5, 0.5))
+    name_axes(walls, r"$\rho$ = 0 and $\rho_0$ by eq 19; paths of the hand", "x (m)", "y (m)")
+    walls.set(aspect="equal")
+    name_axes(clearances, "Crossing, static distance", "t (s)", "clearance of the hand (m)")
+    clearances.set(xlim=(0.3, 2.0), ylim=(0.0, 0.6))
 
 
 def draw_potentials(sheet: Sheet, problem: MotionProblem, gains: Gains, time: float) -> None:
@@ -134,5 +156,5 @@ def draw_table(axes: Axes, table: DistanceTable, speeds: Sequence[float]) -> Non
     for speed in speeds:
         shifts = [table.shift(speed, direction) for direction in directions]
         axes.plot(np.degrees(directions), shifts, label=f"{speed:g} m/s")
-    name_axes(axes, "Eq 20: what the table adds to the distance", "direction (deg)", "shift (m)")
+    name_axes(axes, "Eq 20: the table adds", "direction (deg)", "shift (m)")
     axes.set(xticks=range(0, 181, 45))

@@ -19,6 +19,7 @@ RANDOM_PROBLEMS, RANDOM_SEED, RANDOM_PERIOD = 1000, 0, 1e-3
 CURVE_STEP = 0.02  # s
 DISTANCES: tuple[Distance, ...] = ("static", "table")
 WALLS = {True: "Khatib", False: "printed"}
+NORMS = (1.0, 1.5, 2.0, 4.0, np.inf)  # p of eq 19
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ def random_problems(count: int, seed: int) -> Iterator[MotionProblem]:
             count -= 1
 
 
-def paper_motion(scene: str, distance: Distance = "table", square: bool = True) -> FieldMotion:
+def paper_motion(scene: str, distance: Distance = "table", square: bool = True, norm: float = 2.0) -> FieldMotion:
     """The motion that the paper's field makes in one of the scenes."""
-    return follow_field(paper_problem(scene), make_field(square=square, distance=distance))
+    return follow_field(paper_problem(scene), make_field(square=square, distance=distance, norm=norm))
 
 
 def scene_records() -> Iterator[Record]:
@@ -103,6 +104,26 @@ def clearances() -> Iterator[Record]:
         motion = paper_motion("crossing", distance, square)
         curves = {"t": motion.t[shown], "hand": motion.hand_clearance[shown], "arm": motion.clearance[shown]}
         yield {"scene": "crossing", "distance": distance, "wall": WALLS[square], **curves}
+
+
+def norm_records(problems: Sequence[MotionProblem]) -> Iterator[Record]:
+    """The crossing, and shares of random moves, with the static distance in several p-norms (eq 19)."""
+    for norm in NORMS:
+        motion = paper_motion("crossing", "static", norm=norm)
+        field = make_field(distance="static", norm=norm)
+        endings = [_ending(problem, follow_field(problem, field, period=RANDOM_PERIOD))[0] for problem in problems]
+        yield {
+            "norm": norm,
+            # of the boundary rho = 0 of a disc of radius 1, on the diagonal: where the field sees the disc
+            "diagonal": 2.0 ** (0.5 - 1.0 / norm),
+            "outcome": motion.outcome,
+            "time": motion.t[-1],  # s
+            "hand_clearance": motion.hand_clearance.min(),  # m; Euclidean
+            "arm_clearance": motion.clearance.min(),  # m
+            "reached": endings.count("reached") / len(problems),
+            "hand_hit": endings.count("hand") / len(problems),
+            "link_hit": endings.count("collision") / len(problems),
+        }
 
 
 def random_records(problems: Sequence[MotionProblem]) -> Iterator[Record]:
