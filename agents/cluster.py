@@ -86,7 +86,7 @@ def connected(address: str, processors: int | None = None) -> Iterator[Any]:
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise ValueError(
             f"no Ray cluster at address {address} ({' '.join(str(error).split())[:200]}): start one with ray start "
-            f"--head, or take {LOCAL}"
+            f"--head, set RAY_AUTH_MODE=token if it has a token (~/.ray/auth_token), or take {LOCAL}"
         ) from None
     try:
         yield ray
