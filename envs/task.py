@@ -36,6 +36,7 @@ from envs.settings import Settings, refuse_unknown
 from envs.task_settings import LimitSettings as LimitSettings
 from envs.task_settings import TaskSettings as TaskSettings
 from envs.task_settings import whole_periods as whole_periods
+from envs.uncertainty.draw import Uncertainty
 from planners import Arm, MotionProblem
 from planners.compiled.calls import Kernel
 from planners.typing import Array
@@ -68,8 +69,12 @@ class Task(ABC):
         view: part of the plane that a frame shows: x from, x to, y from, y to, m.
         physics: what can move the arms, of the setting ``physics``; ``"closed_form"`` needs kernels that move them by
             `envs.physics.actuation.move_arms`.
+        measures: whether the kernels observe noise themselves, under the ``noise_key`` that `write_start` writes; else
+            the module has a kernel ``MEASURE``, ``kernel(batch, model, index)``, which writes the observation of an
+            environment where the settings ask for noise.
         default_arm: the robot, unless the settings name another.
         arm: the robot as a policy knows it, without its payload.
+        uncertainty: what is drawn of the true robot for an episode.
 
     Args:
         config: the settings.
@@ -94,6 +99,7 @@ class Task(ABC):
     boolean_outcomes: ClassVar[tuple[str, ...]] = ()
     gauges: ClassVar[tuple[str, ...]]
     view: tuple[float, float, float, float]
+    measures: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -118,14 +124,16 @@ class Task(ABC):
             ("reward_terms", "f8", (len(self.reward_terms),)),
             *env_fields,
         ]
-        loaded, mode = arm.with_payload(config.payload), self.actuation_mode(config)
+        mode = self.actuation_mode(config)
+        self.uncertainty = Uncertainty(config, arm)
+        loaded = arm.with_payload(self.uncertainty.ends["payload"][0])
         shared = {
             "control_period": config.control_period,
             **arm_constants(loaded, config.control_period, config.physics_step),
             **actuation_constants(arm, mode),
             **closed_form_constants(loaded, config.physics),
         }
-        used = {**arm_kernels(mode, config.physics), **kernels}
+        used = {**arm_kernels(mode, config.physics), **self.uncertainty.kernels(), **kernels}
         model = model_record(
             {
                 **shared,
@@ -146,6 +154,8 @@ class Task(ABC):
             elif kernel is not None:
                 whole = self._batch.records.dtype, model.dtype
                 model[name] = kernel.address(*(whole if name in kernels else first))
+        if self.uncertainty.noisy and not self.measures:
+            model["measure_kernel"] = self._measuring().address(self._batch.records, model, types.intp)
         self._ready, self._in_use = False, Lock()
 
     @property
@@ -199,7 +209,9 @@ class Task(ABC):
         if len(generators) != len(records):
             raise ValueError(f"{len(generators)} generators for {len(records)} environments; give one for each")
         starts = self.draw(generators, self._parsed(options) if options else self._all_drawn)
-        for record, start in zip(records, starts, strict=True):
+        truths = self.uncertainty.draw(generators, key=not self.measures)
+        for record, start, truth in zip(records, starts, truths, strict=True):
+            self.uncertainty.write(record, truth)
             self.begin(record, start)
             record["begun"] = True
         self._ready = bool(self._batch.records["begun"].all())
@@ -221,7 +233,7 @@ class Task(ABC):
             raise ValueError("the episodes are of another task, or one whose settings differ in more than the payload")
         if not task_card(self.env_id).links:
             raise ValueError(f"{self.env_id} has a machine of its own, whose payload belongs to the episode")
-        self._batch.take_over(other._batch)
+        self._batch.take_over(other._batch, self.uncertainty.load)
         self._ready = other._ready
 
     @exclusive
@@ -361,6 +373,20 @@ class Task(ABC):
             horizon=max(float(seen["time_left"][0]), self.config.control_period),
             **more,
         )
+
+    def _measuring(self) -> Kernel:
+        """The kernel that observes with noise.
+
+        Raises:
+            ValueError: if the task has none.
+        """
+        if not hasattr(self.kernels, "MEASURE"):
+            raise ValueError(
+                f"{self.env_id} observes without noise: encoder_noise, velocity_noise and camera_noise must be 0, or "
+                "its module of kernels needs a kernel MEASURE (docs/environments/uncertainty.md)"
+            )
+        kernel: Kernel = self.kernels.MEASURE
+        return kernel
 
     def _parsed(self, options: Options) -> Any:
         return self.options_type.parse(options, f"{self.env_id} option")

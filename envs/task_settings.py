@@ -9,6 +9,7 @@ from pydantic import Field
 from envs.arms import ArmSetting
 from envs.physics.rigid_bodies import whole_multiple
 from envs.settings import Settings
+from envs.uncertainty.draw import MassError, Payload, Positive
 
 
 class TaskSettings(Settings):
@@ -20,7 +21,16 @@ class TaskSettings(Settings):
         physics: ``"pymunk"``, or ``"closed_form"`` for the exact equations of motion by Runge-Kutta 4.
         physics_step: time of one step of the physics, s.
         horizon: length of an episode, s.
-        payload: unknown point mass at the hand, kg.
+        payload: unknown point mass at the hand, kg; like the next six a number, or a range [low, high] of which each
+            episode has its own value (docs/environments/uncertainty.md).
+        mass_error: share by which the links are heavier than the arm that policies know; from a range each link has its
+            own.
+        viscous_friction: friction of each joint by its velocity, N m s/rad.
+        coulomb_friction: dry friction of each joint, N m.
+        latency: time by which a commanded torque comes late, s; whole physics steps, at most 8 control periods.
+        encoder_noise: standard deviation of the observed joint angles, rad.
+        velocity_noise: standard deviation of the observed joint velocities, rad/s; ``encoder_noise`` over the control
+            period when left out.
         arm: the robot; a preset's name, an `Arm`, the path of a file or a mapping (`planners.load_arm`); the task's own
             when left out.
         gravity: along -y, m/s^2; 0 for a horizontal plane, 9.81 for a vertical one; the arm's own when left out.
@@ -31,7 +41,13 @@ class TaskSettings(Settings):
     physics: Literal["pymunk", "closed_form"] = "pymunk"
     physics_step: float = Field(0.002, gt=0.0)
     horizon: float = Field(3.0, gt=0.0, le=60.0)
-    payload: float = Field(0.0, ge=0.0, le=10.0)
+    payload: Payload = 0.0
+    mass_error: MassError = 0.0
+    viscous_friction: Positive = 0.0
+    coulomb_friction: Positive = 0.0
+    latency: Positive = 0.0
+    encoder_noise: Positive = 0.0
+    velocity_noise: Positive | None = None
     arm: ArmSetting | None = None
     gravity: float | None = Field(None, ge=0.0, le=30.0)
 

@@ -165,7 +165,7 @@ class PlayedPolicy:
 
     def _numbers(self, record: Any) -> dict[str, float]:
         numbers = {each.key: each.read(self.task, record) for each in self._controls(points=False)}
-        return numbers if self.heaviest is None else {**numbers, PAYLOAD: self.task.config.payload}
+        return numbers if self.heaviest is None else {**numbers, PAYLOAD: float(record["payload"])}
 
     def _controls(self, *, points: bool) -> list[Control]:
         return [each for each in self.card.controls if (each.span is None) == points]

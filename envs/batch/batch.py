@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import prod
 from typing import Any
 
@@ -88,11 +89,17 @@ class Batch:
         self._some_rested = resting is not None
         work_on_all(job, len(self.records))
 
-    def take_over(self, other: Batch) -> None:
-        """Continue the episodes of another batch of the same task and arm, whose payload may be another."""
+    def take_over(self, other: Batch, load: Callable[[Any], None]) -> None:
+        """Continue the episodes of another batch of the same task and arm, whose payload may be another.
+
+        Args:
+            other: the batch.
+            load: writes this batch's payload into a record.
+        """
         self._bytes[...] = other._bytes
         for env_index, table in enumerate(other._tables):
             self._place_table(env_index, table)
+            load(self.records[env_index])
             self.world.place(self.records, self.model, env_index)
             self.refresh(env_index)
 

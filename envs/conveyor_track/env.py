@@ -19,6 +19,7 @@ from envs.physics.actuation import ControlMode
 from envs.rendering import Belt
 from envs.settings import Settings
 from envs.task import LimitSettings, Task, whole_periods
+from envs.uncertainty.draw import Positive, ends
 from planners import SCARA_1M, Arm, MotionProblem, MovingHand
 from planners.typing import Array
 
@@ -28,6 +29,8 @@ class ConveyorTrackConfig(LimitSettings):
 
     Attributes:
         belt_acceleration: acceleration of the belt along its direction, m/s^2.
+        camera_noise: standard deviation of the observed position of the part, along either axis, m; that of its
+            velocity is this over the control period.
         position_tolerance: largest distance between hand and part that counts as settled, m.
         velocity_tolerance: largest relative velocity that counts as settled, m/s.
         hold_time: time at the end of the episode for which the hand must be settled for a success, s.
@@ -35,6 +38,7 @@ class ConveyorTrackConfig(LimitSettings):
 
     control_mode: ControlMode = "torque"
     belt_acceleration: float = Field(0.0, ge=-1.0, le=1.0)
+    camera_noise: Positive = 0.0
     position_tolerance: float = Field(1e-3, gt=0.0)
     velocity_tolerance: float = Field(2e-3, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
@@ -123,7 +127,9 @@ class ConveyorTrack(Task):
         arm = arm_of(config, SCARA_1M)
         self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
         super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
-        self._demands = Demands(config.horizon, config.hold_time, config.belt_acceleration, config.payload, arm)
+        self._demands = Demands(
+            config.horizon, config.hold_time, config.belt_acceleration, ends(config.payload)[1], arm
+        )
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:
         """One start per generator, drawn or given, for which DPCT has a motion within all limits."""

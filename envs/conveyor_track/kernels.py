@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from envs.physics.actuation import command, finish_period, move_arms
 from envs.physics.episode import (
     ADVANCE,
@@ -14,9 +16,11 @@ from envs.physics.episode import (
     finish_observation,
     limit_cost,
     observe_joints,
+    observed_through,
     sum_reward,
 )
-from planners.compiled.calls import copy_array, inlined, private
+from envs.uncertainty.kernels import add_camera_noise, add_joint_noise
+from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.robot.kinematics import hand_state_single
 
 LINE_LENGTH = 0.5
@@ -56,7 +60,10 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
                 _finish(env, shared)
             elif work == BEGIN:
                 _begin(env, shared)
-            _observe(env, shared)
+            if shared.measure_kernel == 0:
+                _observe(env, shared)
+            else:
+                call(shared.measure_kernel, batch, model, index)
 
 
 reset_env, advance_batch, refresh_env = entry_points(run)
@@ -153,3 +160,25 @@ def _observe(env: Any, shared: Any) -> None:
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     seen.settled = env.settled_steps / shared.horizon_steps
     finish_observation(env, shared)
+
+
+@private
+def _observe_measured(copies: Any, model: Any) -> None:
+    """Observe a copy of an environment's record through noisy measurements of the joints and of the part."""
+    env, shared = copies[0], model[0]
+    add_joint_noise(env, shared)
+    add_camera_noise(env, env.step, 0, 2, env.part_position, env.camera_noise)
+    add_camera_noise(env, env.step, 1, 2, env.part_velocity, env.camera_noise / shared.control_period)
+    hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+    _observe(env, shared)
+
+
+def _measure(batch: Any, model: Any, index: int) -> None:
+    """Write an environment's observation from noisy measurements."""
+    copies = np.empty(1, batch.dtype)
+    copies[0] = batch[index]
+    _observe_measured(copies, model)
+    observed_through(batch[index], copies)
+
+
+MEASURE = Kernel(_measure, error_model="numpy")

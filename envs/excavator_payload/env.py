@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from envs.environment import PlanarArmEnv
 from envs.excavator_payload import kernels, reference, world
@@ -18,6 +18,7 @@ from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.settings import Settings
 from envs.task import Task, TaskSettings, whole_periods
+from envs.uncertainty.draw import Positive
 from planners import FixedJoints, MotionProblem
 from planners.excavator.controllers import TYPICAL_PAYLOAD, make_controller
 from planners.excavator.plane import planar_arm
@@ -25,8 +26,6 @@ from planners.typing import Array
 
 Angles = tuple[float, float, float]
 
-NOISE = (1e-4, 5e-3)
-"""Standard deviations of measured angles (rad) and velocities (rad/s)."""
 LAG = 0.030
 """Time constant of the drives on level 2, s."""
 PLANNED_SHARE = 0.65
@@ -43,7 +42,6 @@ class ExcavatorPayloadConfig(TaskSettings):
         payload: heaviest drawn payload, kg.
         lightest: lightest drawn payload, kg; equal to ``payload`` for a known one.
         level: 1, or 2 for drives that lag by 30 ms and a payload that is picked up and dropped during the episode.
-        noise: whether joint angles and velocities are measured with noise, or its standard deviations, rad and rad/s.
         rms_tolerance: largest root mean square of the tip error that counts as a success, m.
         peak_tolerance: largest tip error that counts as a success, m.
         reward_distance: tip error from which on the tracking reward is 0, m.
@@ -56,7 +54,7 @@ class ExcavatorPayloadConfig(TaskSettings):
     payload: float = Field(350.0, ge=0.0, le=350.0)
     lightest: float = Field(0.0, ge=0.0)
     level: Literal[1, 2] = 1
-    noise: bool | tuple[NonNegativeFloat, NonNegativeFloat] = True
+    encoder_noise: Positive = 1e-4
     rms_tolerance: float = Field(5e-3, gt=0.0)
     peak_tolerance: float = Field(15e-3, gt=0.0)
     reward_distance: float = Field(0.1, gt=0.0)
@@ -112,10 +110,10 @@ LAYOUT = Layout(
 
 
 class Start(NamedTuple):
-    """Start of an episode: the hidden quantities, the seed of the noise, and waypoints or the numbers to draw them."""
+    """Start of an episode: the hidden quantities, the key of the noise, and waypoints or the numbers to draw them."""
 
     hidden: Hidden
-    noise_seed: int
+    noise_key: int
     numbers: Array
     waypoints: Waypoints | None
 
@@ -152,21 +150,18 @@ class ExcavatorPayload(Task):
     boolean_outcomes = ("success_easy",)
     gauges = ("velocity",)
     view = (-0.7, 4.3, -1.6, 3.6)
+    measures = True
     config: ExcavatorPayloadConfig
 
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
         steps = whole_periods(config, "horizon", config.horizon)
         residual = config.control_mode == "residual"
-        self.noise: tuple[float, float] = (
-            config.noise if isinstance(config.noise, tuple) else NOISE if config.noise else (0.0, 0.0)
-        )
         constants = {
             "residual": residual,
             **_gains(config.control_period, residual),
             "judged_after": steps // 3,
             "settling_steps": steps // 6,
             "step_reward": FULL_REWARD / steps,
-            "noise": self.noise,
             **world.machine_constants(config.physics_step, LAG if config.level == 2 else 0.0),
             **reference.dynamics_constants(),
         }
@@ -197,7 +192,7 @@ class ExcavatorPayload(Task):
     def write_start(self, record: Any, start: Start) -> None:
         """Write the hidden quantities, and the waypoints or those that the drawn numbers give."""
         start.hidden.write(record)
-        record["noise_seed"] = start.noise_seed
+        record["noise_key"] = start.noise_key
         if start.waypoints is None:
             memory = self._batch
             reference.draw_reference(memory.records, memory.model, int(record["env_index"]), start.numbers)
@@ -297,7 +292,7 @@ class ExcavatorPayloadEnv(PlanarArmEnv):
       bucket, without adaptation (`planners.control.SlotineLi`); the sum is clipped at the limits.
 
     ## Observation space
-    Angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `noise=False` for none). At
+    Angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `encoder_noise=0` for none). At
     the start `last_torque` is the torque that holds the empty machine.
 
     ## Starting state
@@ -321,7 +316,7 @@ class ExcavatorPayloadEnv(PlanarArmEnv):
     ## Difficulty
     `level=2`: the drives follow the commanded torque with a lag of 30 ms, and the bucket is empty at first, picks the
     payload up at a time drawn from 3 to 5 s, and drops it between 8 and 9 s (in proportion for another `horizon`).
-    Easier in residual mode, without `noise`, or with a payload that is known: `lightest` equal to `payload`.
+    Easier in residual mode, without `encoder_noise`, or with a payload that is known: `lightest` equal to `payload`.
 
     ## Episode end
     Truncated after `horizon` (12 s). Terminated, as a failure, where a joint is faster than 6 rad/s or 30 deg outside

@@ -88,7 +88,7 @@ def filter_settings(task: ExcavatorPayload) -> FilterSettings:
     lightest = 0.0 if config.level == 2 else config.lightest
     return FilterSettings(
         period=config.control_period,
-        noise=task.noise,
+        noise=(task.uncertainty.ends["encoder_noise"][1], task.uncertainty.ends["velocity_noise"][1]),
         lag=LAG if config.level == 2 else 0.0,
         mass=(0.5 * (lightest + config.payload), max(LEAST_SPREAD, (config.payload - lightest) / math.sqrt(12.0))),
         shift=(OFFSET[0] / math.sqrt(3.0), OFFSET[1] / math.sqrt(3.0)),

@@ -13,6 +13,7 @@ from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, p
 from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import ADVANCE, BEGIN, clear_episode, entry_points, finish_observation, sum_reward
+from envs.physics.rigid_bodies import begin_commands
 from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, private
 from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
@@ -27,11 +28,9 @@ STRAY = math.radians(30.0)
 
 
 ENV_FIELDS: list[tuple[Any, ...]] = [
-    ("payload", "f8"),
     ("payload_inertia", "f8"),
     ("pick_step", "i8"),
     ("drop_step", "i8"),
-    ("noise_seed", "u8"),
     ("reference", "f8", (3, N_JOINTS)),
     ("ahead", "f8", (3, N_JOINTS)),
     ("measured", "f8", (2, N_JOINTS)),
@@ -85,6 +84,7 @@ def _begin(env: Any, shared: Any) -> None:
     copy_array(q, env.q)
     torque_single(empty_machine(shared), np.zeros(10), q, still, still, still, tau)
     copy_array(env.tau, tau)
+    begin_commands(env)
     copy_array(env.drive_torque, tau)
     clear_array(env.error_integral)
     for i in range(N_JOINTS):
@@ -176,11 +176,11 @@ def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau:
 
 
 @njit(cache=True, nogil=True)
-def add_noise(seed: int, step: int, deviations: Array, measured: Array) -> None:
+def add_noise(key: int, step: int, deviations: tuple[float, float], measured: Array) -> None:
     """Add noise to ``measured`` ``(2, n)``: angles and velocities, with two standard ``deviations``."""
     n = measured.shape[1]
     for i in range(n):
-        angle, velocity = normal_pair(seed, step * n + i)
+        angle, velocity = normal_pair(key, step * n + i)
         measured[0, i] += deviations[0] * angle
         measured[1, i] += deviations[1] * velocity
 
@@ -191,7 +191,7 @@ def _measure(env: Any, shared: Any) -> None:
     reference_at(env, shared, float(env.step), env.reference)
     copy_array(env.measured[0], env.q)
     copy_array(env.measured[1], env.qd)
-    add_noise(env.noise_seed, env.step, shared.noise, env.measured)
+    add_noise(env.noise_key, env.step, (env.encoder_noise, env.velocity_noise), env.measured)
     tip_of(shared, env.q[0], env.q[1], env.q[2], env.tip)
     tip_of(shared, env.reference[0, 0], env.reference[0, 1], env.reference[0, 2], env.wanted_tip)
     env.tip_error = math.hypot(env.tip[0] - env.wanted_tip[0], env.tip[1] - env.wanted_tip[1])

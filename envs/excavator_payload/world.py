@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from envs.physics import chipmunk
-from envs.physics.rigid_bodies import read_joint_state, remove_joints, renew_joint, step_physics
+from envs.physics.rigid_bodies import arriving, read_joint_state, remove_joints, renew_joint, step_physics
 from planners.compiled.calls import inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
@@ -53,8 +53,8 @@ def place_links(env: Any, model: Any) -> None:
     """Place the bodies of an environment, payload included, at ``env.q`` and ``env.qd``, with fresh joints."""
     n = env.q.shape[0]
     for i in range(n - 1):
-        chipmunk.body_set_mass(env.links[i], model.body_masses[i])
-        chipmunk.body_set_moment(env.links[i], model.body_inertias[i])
+        chipmunk.body_set_mass(env.links[i], env.mass_scale[i] * model.body_masses[i])
+        chipmunk.body_set_moment(env.links[i], env.mass_scale[i] * model.body_inertias[i])
         chipmunk.body_set_center_of_gravity(env.links[i], model.body_coms[i, 0], model.body_coms[i, 1])
     _fill_bucket(env, model)
     phi = w = vx = vy = 0.0
@@ -103,15 +103,16 @@ def change_load(env: Any, model: Any) -> None:
 def _fill_bucket(env: Any, model: Any) -> None:
     """Give the last body the mass properties of bucket and load together."""
     last = env.q.shape[0] - 1
-    mass = model.body_masses[last] + env.load
-    inertia = model.body_inertias[last] + env.load_inertia
+    bucket = env.mass_scale[last] * model.body_masses[last]
+    mass = bucket + env.load
+    inertia = env.mass_scale[last] * model.body_inertias[last] + env.load_inertia
     apart = 0.0
     for axis in range(2):
         load_com = model.load_com[axis] + env.load_offset[axis]
         bucket_com = model.body_coms[last, axis]
-        env.bucket_com[axis] = (model.body_masses[last] * bucket_com + env.load * load_com) / mass
+        env.bucket_com[axis] = (bucket * bucket_com + env.load * load_com) / mass
         apart += (load_com - bucket_com) ** 2
-    inertia += model.body_masses[last] * env.load / mass * apart
+    inertia += bucket * env.load / mass * apart
     chipmunk.body_set_mass(env.links[last], mass)
     chipmunk.body_set_moment(env.links[last], inertia)
     chipmunk.body_set_center_of_gravity(env.links[last], env.bucket_com[0], env.bucket_com[1])
@@ -127,12 +128,13 @@ def advance_links(env: Any, model: Any) -> None:
     net = np.empty(n)
     for _ in range(model.substeps):
         inner_speed = 0.0
+        tau = arriving(env, model, env.tau)
         for i in range(n):
             speed = chipmunk.body_get_angular_velocity(env.links[i])
-            short = env.drive_torque[i] - env.tau[i]
-            env.drive_torque[i] = env.tau[i] + model.lag_left * short
+            short = env.drive_torque[i] - tau[i]
+            env.drive_torque[i] = tau[i] + model.lag_left * short
             friction = env.friction_scale * model.friction[i] * (speed - inner_speed)
-            net[i] = env.tau[i] + model.lag_mean * short - friction
+            net[i] = tau[i] + model.lag_mean * short - friction
             inner_speed = speed
         step_physics(env, model, net)
     read_joint_state(env, model)

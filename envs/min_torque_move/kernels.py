@@ -16,8 +16,10 @@ from envs.physics.episode import (
     finish_observation,
     limit_cost,
     observe_joints,
+    observed_through,
     sum_reward,
 )
+from envs.uncertainty.kernels import add_joint_noise
 from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.control import held_torque_single
 from planners.motion.time_laws import SHAPES, rest_curve_single
@@ -62,7 +64,10 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
                 _finish(env, shared)
             elif work == BEGIN:
                 _begin(env, shared)
-            _observe(env, shared)
+            if shared.measure_kernel == 0:
+                _observe(env, shared)
+            else:
+                call(shared.measure_kernel, batch, model, index)
 
 
 reset_env, advance_batch, _ = entry_points(run)
@@ -164,3 +169,22 @@ def _observe(env: Any, shared: Any) -> None:
     seen.time_left = (env.duration_steps - env.step) * shared.control_period
     seen.quintic_torque = env.quintic_l1 / (env.duration_steps * shared.control_period)
     finish_observation(env, shared)
+
+
+@private
+def _observe_measured(copies: Any, model: Any) -> None:
+    """Observe a copy of an environment's record through noisy measurements of the joints."""
+    env, shared = copies[0], model[0]
+    add_joint_noise(env, shared)
+    _observe(env, shared)
+
+
+def _measure(batch: Any, model: Any, index: int) -> None:
+    """Write an environment's observation from noisy measurements."""
+    copies = np.empty(1, batch.dtype)
+    copies[0] = batch[index]
+    _observe_measured(copies, model)
+    observed_through(batch[index], copies)
+
+
+MEASURE = Kernel(_measure, error_model="numpy")

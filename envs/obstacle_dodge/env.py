@@ -17,6 +17,7 @@ from envs.obstacle_dodge import kernels
 from envs.obstacle_dodge.scale import scale_of_task
 from envs.obstacle_dodge.starts import DodgeStarts, Episode, ObstacleDodgeOptions, paper_scenario
 from envs.task import LimitSettings, Task, whole_periods
+from envs.uncertainty.draw import Positive
 from planners import SCARA_50CM, Arm, FixedHand, MotionProblem, Obstacle
 from planners.typing import Array
 
@@ -26,6 +27,8 @@ class ObstacleDodgeConfig(LimitSettings):
 
     Attributes:
         num_obstacles: number of discs.
+        camera_noise: standard deviation of the observed positions of goal and discs, along either axis, m; that of the
+            discs' velocities is this over the control period.
         tolerance: largest distance between hand and goal that counts as there, m.
         hold_time: time for which the hand must be there without a break for a success, s.
         clearance_margin: clearance below which the clearance term begins, m.
@@ -37,6 +40,7 @@ class ObstacleDodgeConfig(LimitSettings):
     horizon: float = Field(8.0, gt=0.0, le=60.0)
     physics_step: float = Field(0.0025, gt=0.0)
     num_obstacles: int = Field(1, ge=1, le=4)
+    camera_noise: Positive = 0.0
     tolerance: float = Field(0.03, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
     clearance_margin: float = Field(0.1, gt=0.0)

@@ -16,11 +16,13 @@ from envs.physics.episode import (
     finish_observation,
     limit_cost,
     observe_joints,
+    observed_through,
     sum_reward,
     table_of,
 )
-from envs.physics.rigid_bodies import read_joint_state, step_physics
-from planners.compiled.calls import copy_array, inlined, private
+from envs.physics.rigid_bodies import arriving, read_joint_state, step_physics
+from envs.uncertainty.kernels import add_camera_noise, add_joint_noise
+from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
@@ -53,7 +55,10 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
             _advance(env, shared)
         elif work == BEGIN:
             _begin(env, shared)
-        _observe(env, shared)
+        if shared.measure_kernel == 0:
+            _observe(env, shared)
+        else:
+            call(shared.measure_kernel, batch, model, index)
 
 
 reset_env, advance_batch, refresh_env = entry_points(run)
@@ -101,7 +106,7 @@ def _move_among_discs(env: Any, shared: Any) -> float:
     """The physics of one period; the least clearance after any of its steps, m."""
     closest = np.inf
     for substep in range(shared.substeps):
-        step_physics(env, shared, env.tau)
+        step_physics(env, shared, arriving(env, shared, env.tau))
         read_joint_state(env, shared)
         move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
         env.clearance = measure_clearance(env, shared)
@@ -209,3 +214,32 @@ def _observe_from_links(env: Any, shared: Any, disc: int) -> None:
         beyond = along - min(length, max(0.0, along))
         seen.link_clearance[disc, link] = math.hypot(beyond, across) - shared.link_radius - radius
         x, y = x - length * c, y - length * s
+
+
+@private
+def _observe_measured(copies: Any, model: Any) -> None:
+    """Observe a copy of an environment's record through noisy measurements of the joints, the goal and the discs."""
+    env, shared = copies[0], model[0]
+    add_joint_noise(env, shared)
+    discs, noise = env.radii.shape[0], env.camera_noise
+    points, rate = 2 * discs + 1, noise / shared.control_period
+    for disc in range(discs):
+        add_camera_noise(env, env.step, 2 * disc, points, env.discs[disc], noise)
+        add_camera_noise(env, env.step, 2 * disc + 1, points, env.disc_velocities[disc], rate)
+        before = max(0, env.step - 1)
+        add_camera_noise(env, before, 2 * disc + 1, points, env.disc_velocities_before[disc], rate)
+    add_camera_noise(env, env.step, 2 * discs, points, env.goal, noise)
+    hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
+    env.clearance = measure_clearance(env, shared)
+    _observe(env, shared)
+
+
+def _measure(batch: Any, model: Any, index: int) -> None:
+    """Write an environment's observation from noisy measurements."""
+    copies = np.empty(1, batch.dtype)
+    copies[0] = batch[index]
+    _observe_measured(copies, model)
+    observed_through(batch[index], copies)
+
+
+MEASURE = Kernel(_measure, error_model="numpy")

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from envs.physics.closed_form import MOVE_ARMS, PLACE_NOTHING
-from envs.physics.rigid_bodies import advance, place_arm, read_joint_state, step_physics
+from envs.physics.rigid_bodies import advance, arriving, place_arm, read_joint_state, step_physics
 from planners.compiled.calls import Kernel, call, call_real, copy_array, inlined
 from planners.control import held_torque_single
 from planners.control.joint_limits import (
@@ -93,7 +93,7 @@ def move_arms(batch: Any, model: Any, first: int, last: int, steps: int) -> None
         for index in range(first, last):
             env = batch[index]
             for _ in range(steps):
-                step_physics(env, shared, env.tau)
+                step_physics(env, shared, arriving(env, shared, env.tau))
             read_joint_state(env, shared)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from envs.physics.chipmunk import array_at
-from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined
+from envs.physics.rigid_bodies import begin_commands
+from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, private
 from planners.typing import Array
 
 EPISODE_FIELDS: list[tuple[Any, ...]] = [
@@ -53,6 +54,7 @@ def entry_points(kernel: Callable[..., None]) -> tuple[EntryPoint, EntryPoint, E
 def begin_episode(env: Any, shared: Any) -> None:
     """Place the arm at rest at ``env.q``, with all counters cleared."""
     clear_episode(env)
+    begin_commands(env)
     call(shared.place_kernel, env, shared)
 
 
@@ -108,6 +110,13 @@ def finish_observation(env: Any, shared: Any) -> None:
     for element in range(seen.shape[0]):
         bound = bounds[element]
         observation[element] = min(bound, max(-bound, seen[element] / scales[element]))
+
+
+@private
+def observed_through(env: Any, copies: Any) -> None:
+    """Give an environment the observation of a copy of its record, ``(1,)``, in which values are as measured."""
+    copy_array(env.seen.flat, copies[0].seen.flat)
+    copy_array(env.observation, copies[0].observation)
 
 
 def restart_clock(record: Any) -> None:

@@ -20,7 +20,7 @@ from numba import njit
 
 from envs.batch.records import Records
 from envs.physics import chipmunk, snapshot
-from planners.compiled.calls import inlined
+from planners.compiled.calls import call, copy_array, inlined
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -32,8 +32,18 @@ MOST_STEPS = 1_000_000
 """Most physics steps of a control period, and control periods of an episode."""
 
 
+LONGEST_DELAY = 8
+"""Most control periods by which a torque may come late."""
+
+
 def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
-    """Fields of an environment's record for the physics: joint state, and addresses of Chipmunk objects."""
+    """Fields of an environment's record for the physics: joint state, and addresses of Chipmunk objects.
+
+    What is true of an episode and not of the nominal arm follows (`envs.uncertainty.draw`): each link's factor of mass,
+    the mass properties that it gives together with the payload (kg, kg m^2, m; where the settings ask for them),
+    friction (N m s/rad and N m), latency (s and physics steps), the standard deviations of noise (rad, rad/s, m) and
+    its key. The last commands and the torque that has arrived serve the latency.
+    """
     return [
         ("q", "f8", (n_joints,)),
         ("qd", "f8", (n_joints,)),
@@ -41,6 +51,22 @@ def arm_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("links", "i8", (n_joints,)),
         ("joints", "i8", (n_joints,)),
         ("ground", "i8"),
+        ("mass_scale", "f8", (n_joints,)),
+        ("payload", "f8"),
+        ("masses", "f8", (n_joints,)),
+        ("inertias", "f8", (n_joints,)),
+        ("com", "f8", (n_joints,)),
+        ("viscous_friction", "f8"),
+        ("coulomb_friction", "f8"),
+        ("latency", "f8"),
+        ("latency_steps", "i8"),
+        ("substep", "i8"),
+        ("commands", "f8", (LONGEST_DELAY + 1, n_joints)),
+        ("delayed", "f8", (n_joints,)),
+        ("encoder_noise", "f8"),
+        ("velocity_noise", "f8"),
+        ("camera_noise", "f8"),
+        ("noise_key", "u8"),
     ]
 
 
@@ -66,6 +92,9 @@ def arm_constants(
         "substeps": whole_multiple("control_period", control_period, "physics_step", physics_step),
         "position_lag": 0.0 if pymunk_defaults else 0.5 * physics_step,
         "error_bias": PYMUNK_ERROR_BIAS if pymunk_defaults else 0.0,
+        "delay_kernel": 0,
+        "friction_kernel": 0,
+        "measure_kernel": 0,
     }
 
 
@@ -189,6 +218,12 @@ def whole_multiple(name: str, seconds: float, step_name: str, step: float) -> in
 @njit(cache=True, nogil=True)
 def place_arm(env: Any, model: Any) -> None:
     """Place the bodies of an environment at ``env.q`` and ``env.qd``, with fresh joints."""
+    place_with(env, model, model.coms)
+
+
+@inlined
+def place_with(env: Any, model: Any, coms: Array) -> None:
+    """Place the bodies of an environment whose links have these centres of mass, ``(n,)``, m along them."""
     n = env.q.shape[0]
     lag = model.position_lag
     phi = w = 0.0
@@ -200,7 +235,7 @@ def place_arm(env: Any, model: Any) -> None:
         earlier = phi - w * lag
         cos_earlier, sin_earlier = np.cos(earlier), np.sin(earlier)
         cos_now, sin_now = np.cos(phi), np.sin(phi)
-        com, length = model.coms[i], model.lengths[i]
+        com, length = coms[i], model.lengths[i]
         link = env.links[i]
         chipmunk.body_set_angle(link, earlier)
         chipmunk.body_set_angular_velocity(link, w)
@@ -212,14 +247,14 @@ def place_arm(env: Any, model: Any) -> None:
         vy += length * w * cos_now
     remove_joints(env)
     for i in range(n):
-        outer_end = model.lengths[i - 1] - model.coms[i - 1] if i > 0 else 0.0
-        renew_joint(env, model, i, outer_end, -model.coms[i])
+        outer_end = model.lengths[i - 1] - coms[i - 1] if i > 0 else 0.0
+        renew_joint(env, model, i, outer_end, -coms[i])
 
 
 @njit(cache=True, nogil=True)
 def place_arm_of(batch: Any, model: Any, index: int) -> None:
     """Place the bodies of one environment of a batch as its record has them."""
-    place_arm(batch[index], model[0])
+    call(model[0].place_kernel, batch[index], model[0])
 
 
 @inlined
@@ -255,8 +290,26 @@ def renew_joint(env: Any, model: Any, i: int, outer_end: float, inner_end: float
 def advance(env: Any, model: Any, tau: Array) -> None:
     """Advance an environment by one control period under constant joint torques ``tau``, ``(n,)`` N m."""
     for _ in range(model.substeps):
-        step_physics(env, model, tau)
+        step_physics(env, model, arriving(env, model, tau))
     read_joint_state(env, model)
+
+
+@inlined
+def arriving(env: Any, model: Any, tau: Array) -> Array:
+    """The torques that reach the joints in the next physics step: ``tau``, or with a latency those of before."""
+    if model.delay_kernel == 0:
+        return tau
+    call(model.delay_kernel, env, model)
+    delayed: Array = env.delayed
+    return delayed
+
+
+@inlined
+def begin_commands(env: Any) -> None:
+    """Let ``env.tau`` be what was commanded before the episode."""
+    env.substep = 0
+    for age in range(LONGEST_DELAY + 1):
+        copy_array(env.commands[age], env.tau)
 
 
 @inlined
@@ -267,6 +320,8 @@ def step_physics(env: Any, model: Any, tau: Array) -> None:
     for i in range(n - 1):
         chipmunk.body_set_torque(env.links[i], tau[i] - tau[i + 1])
     chipmunk.body_set_torque(env.links[n - 1], tau[n - 1])
+    if model.friction_kernel != 0:
+        call(model.friction_kernel, env, model)
     chipmunk.space_step(env.space, model.physics_step)
 
 

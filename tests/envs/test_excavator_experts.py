@@ -158,7 +158,7 @@ def test_experts_need_no_adaptation_around_them() -> None:
     [
         ({}, {}),
         ({}, {"friction_scale": 3.0}),
-        ({"noise": (3e-4, 1.5e-2)}, {}),
+        ({"encoder_noise": 3e-4}, {}),
         ({"level": 2}, {}),
         ({"control_mode": "residual"}, {}),
     ],

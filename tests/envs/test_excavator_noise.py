@@ -35,6 +35,6 @@ def test_neighbouring_seeds_are_independent() -> None:
 def test_no_number_is_used_twice_in_an_episode() -> None:
     measured = np.zeros((601, 2, 3))
     for step, sample in enumerate(measured):
-        add_noise(7, step, np.array([1.0, 0.5]), sample)
+        add_noise(7, step, (1.0, 0.5), sample)
     assert len(np.unique(np.abs(measured))) == measured.size
     np.testing.assert_allclose(measured.std(axis=(0, 2)), [1.0, 0.5], rtol=0.05)

@@ -109,7 +109,7 @@ def test_the_reward() -> None:
 
 
 def test_a_perfect_episode_is_worth_ten() -> None:
-    env = make(noise=False)
+    env = make(encoder_noise=0.0)
     env.reset(seed=0, options={"payload": 0.0, "friction_scale": 1.0})
     steps, _ = follow(env)
     assert sum(step[1] for step in steps) == pytest.approx(10.0, abs=0.15)
@@ -177,9 +177,11 @@ def test_what_is_hidden_is_drawn_as_documented() -> None:
     assert 49.9 < loads.max() <= 50.0
 
 
-@pytest.mark.parametrize(("noise", "deviations"), [(True, (1e-4, 5e-3)), ((1e-3, 0.02), (1e-3, 0.02))])
+@pytest.mark.parametrize(
+    ("noise", "deviations"), [({}, (1e-4, 5e-3)), ({"encoder_noise": 1e-3, "velocity_noise": 0.02}, (1e-3, 0.02))]
+)
 def test_noise_is_as_documented(noise: Any, deviations: tuple[float, float]) -> None:
-    env = make(noise=noise)
+    env = make(**noise)
     env.reset(seed=2)
     steps, _ = follow(env)
     for name, true, deviation in zip(("joint_position", "joint_velocity"), (0, 1), deviations, strict=True):
@@ -189,7 +191,7 @@ def test_noise_is_as_documented(noise: Any, deviations: tuple[float, float]) -> 
 
 
 def test_without_noise_the_truth_is_measured() -> None:
-    env = make(noise=False, control_mode="residual")
+    env = make(encoder_noise=0.0, control_mode="residual")
     env.reset(seed=2)
     for _ in range(20):
         seen = env.task.layout.parse(env.step(RESTING)[0])
@@ -305,8 +307,8 @@ def test_the_planning_arm_is_as_near_as_documented() -> None:
         ("payload", 400.0),
         ("lightest", 351.0),
         ("level", 3),
-        ("noise", (1e-4,)),
-        ("noise", (-1e-4, 0.0)),
+        ("encoder_noise", (1e-4,)),
+        ("encoder_noise", (-1e-4, 0.0)),
         ("horizon", 61.0),
     ],
 )

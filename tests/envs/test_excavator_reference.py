@@ -18,7 +18,7 @@ from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
 from planners.typing import Array
 
 ENV_ID = "ExcavatorPayload-v0"
-ENV: Any = gym.make(ENV_ID, control_mode="residual", noise=False).unwrapped
+ENV: Any = gym.make(ENV_ID, control_mode="residual", encoder_noise=0.0).unwrapped
 RESTING = np.zeros(3, dtype=np.float32)
 
 

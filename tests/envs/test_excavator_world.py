@@ -23,7 +23,7 @@ LAG = 0.03
 
 
 def make(payload: float, **config: Any) -> Any:
-    env = gym.make(ENV_ID, noise=False, **config).unwrapped
+    env = gym.make(ENV_ID, encoder_noise=0.0, **config).unwrapped
     env.reset(seed=3, options={"payload": payload, "payload_offset": OFFSET, "friction_scale": FRICTION})
     return env
 

@@ -221,7 +221,9 @@ def test_a_time_limit_of_gymnasium_ends_with_the_same_info(env_id: str) -> None:
 def test_an_excavator_episode_cut_while_judged_has_the_errors_so_far() -> None:
     finals = []
     for settings in ({"max_episode_steps": 300}, {}):
-        vector = gym.make_vec("ExcavatorPayload-v0", num_envs=1, autoreset_mode="SameStep", noise=False, **settings)
+        vector = gym.make_vec(
+            "ExcavatorPayload-v0", num_envs=1, autoreset_mode="SameStep", encoder_noise=0.0, **settings
+        )
         expert = envs.make_expert("adaptive", vector)
         observation, _ = vector.reset(seed=0)
         infos: dict[str, Any] = {}
