@@ -220,3 +220,8 @@ def test_what_cannot_be_is_refused(settings: dict[str, Any], message: str) -> No
 def test_a_task_without_a_camera_has_no_camera_noise() -> None:
     with pytest.raises(ValueError, match="camera_noise"):
         gym.make("MinTorqueMove-v0", camera_noise=1e-3)
+
+
+def test_the_closed_form_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(ValueError, match='physics "closed_form" has no mass_error'):
+        gym.make("MinTorqueMove-v0", physics="closed_form", mass_error=0.1)
