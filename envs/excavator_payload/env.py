@@ -133,6 +133,7 @@ class ExcavatorPayload(Task):
     config_type = ExcavatorPayloadConfig
     options_type = ExcavatorPayloadOptions
     kernels: ClassVar[Any] = kernels
+    physics = ("pymunk", "closed_form")
     layout = LAYOUT
     reward_terms = ("tracking", "smoothness", "failure")
     outcomes: ClassVar = {
@@ -167,7 +168,7 @@ class ExcavatorPayload(Task):
         }
         fields = world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS
         own = {
-            "place_kernel": kernels.PLACE_LINKS,
+            **world.machine_kernels(config.physics),
             "residual_kernel": kernels.ADD_TO_CONTROLLER if residual else None,
         }
         super().__init__(config, planar_arm(), num_envs, fields, constants, kernels=own)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_machine, reference_at
-from envs.excavator_payload.world import N_JOINTS, advance_links, change_load, place_links, tip_of
+from envs.excavator_payload.world import N_JOINTS, change_load, move_links, tip_of
 from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
 from envs.physics.episode import ADVANCE, BEGIN, clear_episode, entry_points, finish_observation, sum_reward
@@ -54,17 +54,22 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
-    change = 0.0
-    for index in range(first, last):
-        env = batch[index]
+    for start in range(first, last, shared.pack):
+        end = min(start + shared.pack, last)
         if work == ADVANCE:
-            change = _advance(env, shared)
-        elif work == BEGIN:
-            _begin(env, shared)
-        _measure(env, shared)
-        if work == ADVANCE:
-            _score(env, shared, change)
-        _observe(env, shared)
+            for index in range(start, end):
+                _command(batch[index], shared)
+            move_links(batch, model, start, end)
+        for index in range(start, end):
+            env = batch[index]
+            if work == ADVANCE:
+                _finish(env, shared)
+            elif work == BEGIN:
+                _begin(env, shared)
+            _measure(env, shared)
+            if work == ADVANCE:
+                _score(env, shared)
+            _observe(env, shared)
 
 
 reset_env, advance_batch, _ = entry_points(run)
@@ -96,27 +101,30 @@ def _begin(env: Any, shared: Any) -> None:
 
 
 @inlined
-def _advance(env: Any, shared: Any) -> float:
-    """Advance an environment by one control period under its ``action``; returns the square of the action's change."""
-    # Pick up or drop the payload.
+def _command(env: Any, shared: Any) -> None:
+    """Pick up or drop the payload where that is due, and turn the ``action`` into the torques of the next period."""
     if env.step == env.drop_step or (env.step == env.pick_step and env.step > 0):
         _hold(env, env.step == env.pick_step)
-        change_load(env, shared)
+        if not shared.closed_form:
+            change_load(env, shared)
         env.judged_after = max(env.judged_after, env.step + shared.settling_steps)
-    # Physics under the torques of the action.
-    change = _command(env, shared)
-    advance_links(env, shared)
-    finish_period(env, shared)
-    env.step += 1
-    # Measures: torque, observed error integral.
-    for i in range(N_JOINTS):
-        env.torque_l1 += shared.control_period * abs(env.tau[i])
-        env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
-    return change
+    command(env, shared, env.action)
+    if shared.residual:
+        call(shared.residual_kernel, env, shared)
 
 
 @inlined
-def _score(env: Any, shared: Any, change: float) -> None:
+def _finish(env: Any, shared: Any) -> None:
+    """Measure a control period after its physics: torque, and the integral of the error observed before."""
+    finish_period(env, shared)
+    env.step += 1
+    for i in range(N_JOINTS):
+        env.torque_l1 += shared.control_period * abs(env.tau[i])
+        env.error_integral[i] += shared.control_period * (env.reference[0, i] - env.measured[0, i])
+
+
+@inlined
+def _score(env: Any, shared: Any) -> None:
     """Judge the tip error, and write the end of the episode and the reward."""
     _judge(env)
     # End of the episode, and reward.
@@ -124,7 +132,7 @@ def _score(env: Any, shared: Any, change: float) -> None:
     env.truncated = env.step >= shared.horizon_steps and not env.terminated
     env.success = env.truncated and _within(env, shared)
     env.reward_terms[0] = shared.step_reward * (1.0 - min(1.0, env.tip_error / shared.reward_distance))
-    env.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * change
+    env.reward_terms[1] = -shared.step_reward * shared.smoothness_weight * _change_of_action(env)
     env.reward_terms[2] = -shared.failure_penalty if env.terminated else 0.0
     sum_reward(env)
 
@@ -137,11 +145,8 @@ def _hold(env: Any, loaded: bool) -> None:
 
 
 @inlined
-def _command(env: Any, shared: Any) -> float:
-    """Turn the action into the torques of the next period; returns the square of its change."""
-    command(env, shared, env.action)
-    if shared.residual:
-        call(shared.residual_kernel, env, shared)
+def _change_of_action(env: Any) -> float:
+    """Square of the change of the action since the last period; keeps the action for the next."""
     change = 0.0
     for i in range(N_JOINTS):
         share = min(1.0, max(-1.0, env.action[i]))
@@ -160,7 +165,7 @@ def _add_to_controller(env: Any, shared: Any) -> None:
         env.tau[i] = min(limit, max(-limit, wanted))
 
 
-PLACE_LINKS, ADD_TO_CONTROLLER = Kernel(place_links), Kernel(_add_to_controller)
+ADD_TO_CONTROLLER = Kernel(_add_to_controller)
 
 
 @inlined

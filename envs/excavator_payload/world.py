@@ -2,6 +2,7 @@
 
 The bodies, joints and steps are those of `envs.physics.rigid_bodies`. Here a body's frame is its link's frame, with the
 origin at its joint, and Chipmunk stores the centre of mass in it: a load moves it, but neither frame nor joint.
+In closed form (`envs.physics.closed_form`) the load is part of the equations, and the lag is solved exactly.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from envs.physics import chipmunk
+from envs.physics.closed_form import PLACE_NOTHING, integrate, read_links, vector, write_joints
+from envs.physics.packs import WIDTH, reals
 from envs.physics.rigid_bodies import arriving, read_joint_state, remove_joints, renew_joint, step_physics
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import Kernel, call, inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
 
@@ -33,7 +36,8 @@ ENV_FIELDS: list[tuple[Any, ...]] = [
 def machine_constants(physics_step: float, lag: float) -> dict[str, Any]:
     """What the kernels read from the model record: the machine, and the decay of the drives' lag, s.
 
-    ``lag_left`` is what remains of a difference of torques after a physics step, ``lag_mean`` its mean over the step.
+    ``lag_left`` is what remains of a difference of torques after a physics step, ``half_lag`` after half of one, and
+    ``lag_mean`` its mean over the step.
     """
     bodies = planar_bodies(EXCAVATOR)
     steps = physics_step / lag if lag > 0.0 else math.inf
@@ -45,6 +49,7 @@ def machine_constants(physics_step: float, lag: float) -> dict[str, Any]:
         "tip_place": bodies.tip,
         "friction": EXCAVATOR.drives[JOINTS, 1],
         "lag_left": math.exp(-steps),
+        "half_lag": math.exp(-0.5 * steps),
         "lag_mean": -math.expm1(-steps) / steps if lag > 0.0 else 0.0,
     }
 
@@ -102,6 +107,15 @@ def change_load(env: Any, model: Any) -> None:
 @private
 def _fill_bucket(env: Any, model: Any) -> None:
     """Give the last body the mass properties of bucket and load together."""
+    last, (mass, inertia) = env.q.shape[0] - 1, loaded_bucket(env, model)
+    chipmunk.body_set_mass(env.links[last], mass)
+    chipmunk.body_set_moment(env.links[last], inertia)
+    chipmunk.body_set_center_of_gravity(env.links[last], env.bucket_com[0], env.bucket_com[1])
+
+
+@inlined
+def loaded_bucket(env: Any, model: Any) -> tuple[float, float]:
+    """Mass, kg, and inertia about its centre, kg m^2, of bucket and load together; the centre is written."""
     last = env.q.shape[0] - 1
     bucket = env.mass_scale[last] * model.body_masses[last]
     mass = bucket + env.load
@@ -113,9 +127,18 @@ def _fill_bucket(env: Any, model: Any) -> None:
         env.bucket_com[axis] = (bucket * bucket_com + env.load * load_com) / mass
         apart += (load_com - bucket_com) ** 2
     inertia += bucket * env.load / mass * apart
-    chipmunk.body_set_mass(env.links[last], mass)
-    chipmunk.body_set_moment(env.links[last], inertia)
-    chipmunk.body_set_center_of_gravity(env.links[last], env.bucket_com[0], env.bucket_com[1])
+    return mass, inertia
+
+
+@inlined
+def move_links(batch: Any, model: Any, first: int, last: int) -> None:
+    """Advance environments ``first`` to ``last - 1``, at most ``pack``, by one control period under ``env.tau``."""
+    shared = model[0]
+    if shared.closed_form:
+        call(shared.physics_kernel, batch, model, first, last, shared.substeps)
+    else:
+        for index in range(first, last):
+            advance_links(batch[index], shared)
 
 
 @inlined
@@ -138,6 +161,45 @@ def advance_links(env: Any, model: Any) -> None:
             inner_speed = speed
         step_physics(env, model, net)
     read_joint_state(env, model)
+
+
+def _move_links(batch: Any, model: Any, first: int, last: int, steps: int) -> None:
+    """The same by the equations of motion, by so many physics steps."""
+    shared = model[0]
+    inertia, along, across, drag, tau, short = vector(), vector(), vector(), vector(), vector(), vector()
+    phi, w = vector(), vector()
+    read_links(batch, first, last, phi, w, tau)
+    all_inertia, all_along, all_across, all_drag = reals(inertia), reals(along), reals(across), reals(drag)
+    all_short = reals(short)
+    for place in range(WIDTH):
+        env = batch[min(first + place, last - 1)]
+        (mass, about), com_x, com_y = loaded_bucket(env, shared), env.bucket_com[0], env.bucket_com[1]
+        beyond = 0.0
+        for k in range(N_JOINTS):
+            i = N_JOINTS - 1 - k
+            if k > 0:
+                mass, about = shared.body_masses[i], shared.body_inertias[i]
+                com_x, com_y = shared.body_coms[i, 0], shared.body_coms[i, 1]
+            at, length = i * WIDTH + place, shared.lengths[i]
+            all_inertia[at] = about + mass * (com_x * com_x + com_y * com_y) + beyond * length * length
+            all_along[at], all_across[at] = mass * com_x + beyond * length, mass * com_y
+            all_drag[at] = env.friction_scale * shared.friction[i]
+            all_short[at] = env.drive_torque[i] - env.tau[i] if shared.half_lag > 0.0 else 0.0
+            beyond += mass
+    integrate(shared, steps, (inertia, along, across), (tau, short), drag, phi, w)
+    write_joints(batch, first, last, phi, w)
+    for index in range(first, last):
+        for i in range(N_JOINTS):
+            batch[index].drive_torque[i] = batch[index].tau[i] + all_short[i * WIDTH + index - first]
+
+
+_PLACE, _MOVE = Kernel(place_links), Kernel(_move_links)
+
+
+def machine_kernels(physics: str) -> dict[str, Kernel | None]:
+    """The kernels with which the machine is placed and moved, as `envs.physics.actuation.arm_kernels` has an arm's."""
+    exact = physics == "closed_form"
+    return {"place_kernel": PLACE_NOTHING if exact else _PLACE, "physics_kernel": _MOVE if exact else None}
 
 
 @private

@@ -90,6 +90,18 @@ def test_a_load_changes_hands_as_in_the_equations(payload: float) -> None:
     assert_same_errors(angles, integrated(wanted, "slotine-li", loads, LAG, held), wanted)
 
 
+@pytest.mark.parametrize("level", [1, 2])
+def test_closed_form_physics_is_the_equations(level: int) -> None:
+    env = make(350.0, level=level, horizon=4.8, physics="closed_form")
+    held = env.task.batch["drive_torque"][0].copy()
+    loads = {0: 350.0}
+    if level == 2:
+        loads = {0: 0.0, int(env.task.batch["pick_step"][0]): 350.0, int(env.task.batch["drop_step"][0]): 0.0}
+    angles, wanted = simulated(env, "slotine-li")
+    expected = integrated(wanted, "slotine-li", loads, LAG if level == 2 else 0.0, held)
+    assert np.abs(angles - expected).max() < 1e-7 * np.ptp(angles)
+
+
 def test_physics_converges_to_the_equations() -> None:
     errors = []
     for step in (0.005, 0.0025, 0.00125):
