@@ -127,6 +127,7 @@ class ObstacleDodge(Task):
     options_type = ObstacleDodgeOptions
     kernels: ClassVar[Any] = kernels
     default_arm = SCARA_50CM
+    physics = ("pymunk", "closed_form")
     layout = layout_of(SCARA_50CM, 1)
     reward_terms = ("progress", "goal", "clearance", "collision", "limits")
     outcomes: ClassVar = {

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.physics.actuation import command, finish_period
+from envs.physics.actuation import command, finish_period, move_arms
 from envs.physics.episode import (
     ADVANCE,
     BEGIN,
@@ -20,7 +20,6 @@ from envs.physics.episode import (
     sum_reward,
     table_of,
 )
-from envs.physics.rigid_bodies import arriving, read_joint_state, step_physics
 from envs.uncertainty.kernels import add_camera_noise, add_joint_noise
 from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.robot.clearance import clearance_single
@@ -40,6 +39,7 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
         ("start_distance", "f8"),
         ("distance", "f8"),
         ("clearance", "f8"),
+        ("closest", "f8"),
         ("min_clearance", "f8"),
         ("held_steps", "i8"),
         ("collision", "?"),
@@ -49,16 +49,25 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
 def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
     """Begin, advance or refresh environments ``first`` to ``last - 1``: see `entry_points`."""
     shared = model[0]
-    for index in range(first, last):
-        env = batch[index]
+    for start in range(first, last, shared.pack):
+        end = min(start + shared.pack, last)
         if work == ADVANCE:
-            _advance(env, shared)
-        elif work == BEGIN:
-            _begin(env, shared)
-        if shared.measure_kernel == 0:
-            _observe(env, shared)
-        else:
-            call(shared.measure_kernel, batch, model, index)
+            for index in range(start, end):
+                _command(batch[index], shared)
+            for substep in range(shared.substeps):
+                move_arms(batch, model, start, end, 1)
+                for index in range(start, end):
+                    _move_among_discs(batch[index], shared, substep)
+        for index in range(start, end):
+            env = batch[index]
+            if work == ADVANCE:
+                _finish(env, shared)
+            elif work == BEGIN:
+                _begin(env, shared)
+            if shared.measure_kernel == 0:
+                _observe(env, shared)
+            else:
+                call(shared.measure_kernel, batch, model, index)
 
 
 reset_env, advance_batch, refresh_env = entry_points(run)
@@ -79,39 +88,38 @@ def _begin(env: Any, shared: Any) -> None:
 
 
 @inlined
-def _advance(env: Any, shared: Any) -> None:
-    """Advance an environment by one control period under its ``action``."""
-    # Physics of the arm among the moving discs.
+def _command(env: Any, shared: Any) -> None:
+    """Turn the ``action`` into the torques of the next period."""
     command(env, shared, env.action)
     copy_array(env.disc_velocities_before, env.disc_velocities)
-    closest = _move_among_discs(env, shared)
+    env.closest = np.inf
+
+
+@inlined
+def _move_among_discs(env: Any, shared: Any, substep: int) -> None:
+    """Move the discs on and measure the clearance after a physics step of the arm."""
+    move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
+    env.clearance = measure_clearance(env, shared)
+    env.closest = min(env.closest, env.clearance)
+
+
+@inlined
+def _finish(env: Any, shared: Any) -> None:
+    """Score a control period after the physics of the arm among the moving discs."""
     worst_ratio = finish_period(env, shared)
     env.step += 1
     # Measures: clearance, distance to the goal, periods at the goal.
-    env.min_clearance = min(env.min_clearance, closest)
+    env.min_clearance = min(env.min_clearance, env.closest)
     distance_before = env.distance
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     env.distance = _goal_distance(env)
     env.held_steps = env.held_steps + 1 if env.distance <= shared.tolerance else 0
     # End of the episode, reward and observation.
-    env.collision = closest < 0.0
+    env.collision = env.closest < 0.0
     env.success = not env.collision and env.held_steps >= shared.hold_steps
     env.terminated = env.collision or env.success
     env.truncated = not env.terminated and env.step >= shared.horizon_steps
-    _score(env, shared, distance_before, closest, worst_ratio)
-
-
-@inlined
-def _move_among_discs(env: Any, shared: Any) -> float:
-    """The physics of one period; the least clearance after any of its steps, m."""
-    closest = np.inf
-    for substep in range(shared.substeps):
-        step_physics(env, shared, arriving(env, shared, env.tau))
-        read_joint_state(env, shared)
-        move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
-        env.clearance = measure_clearance(env, shared)
-        closest = min(closest, env.clearance)
-    return closest
+    _score(env, shared, distance_before, worst_ratio)
 
 
 @private
@@ -147,9 +155,9 @@ def _goal_distance(env: Any) -> float:
 
 
 @inlined
-def _score(env: Any, shared: Any, distance_before: float, closest: float, worst_ratio: float) -> None:
+def _score(env: Any, shared: Any, distance_before: float, worst_ratio: float) -> None:
     """Write the terms of the reward, in the task's order, and their sum."""
-    too_close = min(1.0, max(0.0, 1.0 - closest / shared.clearance_margin))
+    too_close = min(1.0, max(0.0, 1.0 - env.closest / shared.clearance_margin))
     time_left = 1.0 - env.step / shared.horizon_steps
     env.reward_terms[0] = (distance_before - env.distance) / env.start_distance
     env.reward_terms[1] = 1.0 + time_left if env.success else 0.0

@@ -34,9 +34,17 @@ def closed_form_constants(arm: Arm, physics: str) -> dict[str, Any]:
     Args:
         arm: the arm with the payload that it holds.
         physics: ``"pymunk"`` or ``"closed_form"``.
+
+    Raises:
+        ValueError: in closed form, for an arm with more than `MOST_JOINTS` joints.
     """
     coupling, moments = chain_constants(*map(np.asarray, (arm.lengths, arm.masses, arm.coms, arm.inertias)))
     exact = physics == "closed_form"
+    if exact and arm.n_joints > MOST_JOINTS:
+        raise ValueError(
+            f'physics "closed_form" moves arms with up to {MOST_JOINTS} joints, and {arm.name} has {arm.n_joints} '
+            'joints; choose physics "pymunk"'
+        )
     return {
         "closed_form": exact,
         "pack": WIDTH if exact else 1,

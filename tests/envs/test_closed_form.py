@@ -11,9 +11,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import envs
+from envs.min_torque_move.env import MinTorqueMove
+from envs.physics.closed_form import closed_form_constants
+from planners import Arm
+from planners.robot.arm import JointLimits
 
-CLOSED_FORM = ["ConveyorTrack-v0", "ExcavatorPayload-v0", "MinTorqueMove-v0"]
-every_task = pytest.mark.parametrize("env_id", CLOSED_FORM)
+every_task = pytest.mark.parametrize("env_id", envs.env_ids())
 
 
 def made(env_id: str = "MinTorqueMove-v0", num_envs: int = 0, **settings: Any) -> Any:
@@ -74,10 +77,22 @@ def test_it_stays_near_pymunk_but_is_not_it(env_id: str) -> None:
     assert 0.0 < np.abs(one - two).max() < 0.05
 
 
-@pytest.mark.parametrize("env_id", [env_id for env_id in envs.env_ids() if env_id not in CLOSED_FORM])
-def test_other_tasks_refuse_it(env_id: str) -> None:
-    with pytest.raises(ValueError, match=rf"{env_id} physics.*closed_form"):
-        gym.make(env_id, physics="closed_form")
+class OnlyPymunk(MinTorqueMove):
+    """A task whose kernels step Pymunk themselves."""
+
+    physics = ("pymunk",)
+
+
+def test_a_task_without_it_refuses_it() -> None:
+    with pytest.raises(ValueError, match=r"MinTorqueMove-v0 physics.*closed_form"):
+        OnlyPymunk.make({"physics": "closed_form"}, 1)
+
+
+def test_an_arm_that_is_too_long_is_refused() -> None:
+    constants = {"lengths": (0.1,) * 7, "masses": (0.1,) * 7, "limits": JointLimits(torque=(1.0,) * 7)}
+    with pytest.raises(ValueError, match=r"up to 6 joints, and SEVEN has 7 joints"):
+        closed_form_constants(Arm(name="SEVEN", **constants), "closed_form")
+    assert not closed_form_constants(Arm(name="SEVEN", **constants), "pymunk")["closed_form"]
 
 
 @pytest.mark.parametrize("env_id", ["ConveyorTrack-v0", "MinTorqueMove-v0"])  # the excavator: test_excavator_world.py
