@@ -45,6 +45,7 @@ class Block:
 
 BLOCKS = {
     "leaderboard": Block("docs/benchmark/leaderboard.md", "planarm benchmark --full", times=True),
+    "planarm paper-excavator": Block("docs/papers/excavator.md", "planarm paper-excavator"),
     "excavator leaderboard": Block(
         "docs/papers/excavator.md", "planarm benchmark --tasks ExcavatorPayload-v0 --episodes 200"
     ),

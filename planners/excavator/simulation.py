@@ -75,11 +75,17 @@ class Plant:
         """Size of the batch."""
         return len(self.inertia)
 
-    def advance(self, q: Array, qd: Array, applied: Array, command: Array, period: float) -> None:
-        """Advance states and ``applied`` torques, ``(batch, n)``, in place by a period (s) under ``command``."""
+    def advance(
+        self, q: Array, qd: Array, applied: Array, command: Array, period: float, outside: Array | float = 0.0
+    ) -> None:
+        """Advance states and ``applied`` torques, ``(batch, n)``, in place by a period (s) under ``command``.
+
+        ``outside`` are joint torques of forces from outside, ``(batch, n)``, N m, held for the period without lag.
+        """
         steps = math.ceil(period / STEP - 1e-9)
         arms = (self.frames, self.gravity, self.inertia, self.drives)
-        _advance(arms, self.lag, q, qd, applied, command, period / steps, steps)
+        pushes = np.ascontiguousarray(np.broadcast_to(np.asarray(outside, dtype=float), q.shape))
+        _advance(arms, self.lag, q, qd, applied, command, pushes, period / steps, steps)
 
 
 @dataclass(frozen=True)
@@ -110,12 +116,14 @@ def simulate(
     cycles: int,
     *,
     seed: int = 0,
+    outside: Callable[[float, Array], Array] | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
     """Follow a cycle several times, starting at rest on it with the payload.
 
-    The controller keeps its memory. The measurement noise is the same in every row. ``progress`` is called after every
-    cycle.
+    The controller keeps its memory. The measurement noise is the same in every row. ``outside`` gives the joint torques
+    of forces from outside, ``(rows, n)``, N m, at a time (s) and joint angles ``(rows, n)``; the controller does not
+    know them. ``progress`` is called after every cycle.
 
     Raises:
         ValueError: if controller and plant differ in rows, or the period of control does not divide the cycle.
@@ -143,7 +151,7 @@ def simulate(
         angles[k], speeds[k], torques[k], masses[k] = q, qd, tau, controller.mass_estimate
         if k == 0:
             applied[:] = tau
-        plant.advance(q, qd, applied, tau, period)
+        plant.advance(q, qd, applied, tau, period, 0.0 if outside is None else outside(float(t[k]), q))
         if (k + 1) % (samples // cycles) == 0:
             progress()
     return Run(t, angles, speeds, q_d, qd_d, torques, masses)
@@ -151,17 +159,27 @@ def simulate(
 
 @njit(cache=True, nogil=True)
 def _advance(
-    arms: Chain, lag: Array, q: Array, qd: Array, applied: Array, command: Array, step: float, steps: int
+    arms: Chain,
+    lag: Array,
+    q: Array,
+    qd: Array,
+    applied: Array,
+    command: Array,
+    outside: Array,
+    step: float,
+    steps: int,
 ) -> None:
     frames, gravity, inertia, drives = arms
     for row in range(q.shape[0]):
         chain = (frames, gravity, inertia[row], drives[row])
         for _ in range(steps):
-            _step(chain, lag[row], q[row], qd[row], applied[row], command[row], step)
+            _step(chain, lag[row], q[row], qd[row], applied[row], command[row], outside[row], step)
 
 
 @njit(cache=True, nogil=True)
-def _step(chain: Chain, lag: float, q: Array, qd: Array, applied: Array, command: Array, step: float) -> None:
+def _step(
+    chain: Chain, lag: float, q: Array, qd: Array, applied: Array, command: Array, outside: Array, step: float
+) -> None:
     """One step of Runge-Kutta 4; the actuators' lag is exact."""
     n = q.shape[0]
     half, nothing = 0.5 * step, np.zeros(10)
@@ -170,10 +188,10 @@ def _step(chain: Chain, lag: float, q: Array, qd: Array, applied: Array, command
     start = applied if lag > 0.0 else command
     end = command + left_half * left_half * (applied - command)
     k1, k2, k3, k4 = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    acceleration_single(chain, nothing, q, qd, start, k1)
-    acceleration_single(chain, nothing, q + half * qd, qd + half * k1, middle, k2)
-    acceleration_single(chain, nothing, q + half * (qd + half * k1), qd + half * k2, middle, k3)
-    acceleration_single(chain, nothing, q + step * (qd + half * k2), qd + step * k3, end, k4)
+    acceleration_single(chain, nothing, q, qd, start + outside, k1)
+    acceleration_single(chain, nothing, q + half * qd, qd + half * k1, middle + outside, k2)
+    acceleration_single(chain, nothing, q + half * (qd + half * k1), qd + half * k2, middle + outside, k3)
+    acceleration_single(chain, nothing, q + step * (qd + half * k2), qd + step * k3, end + outside, k4)
     q += step * (qd + step * (k1 + k2 + k3) / 6.0)
     qd += step * (k1 + 2.0 * (k2 + k3) + k4) / 6.0
     applied[:] = end

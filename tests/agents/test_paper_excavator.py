@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from paper_results import Regenerate
 
-from agents.papers.excavator.runs import CASES, CONTROLLERS, MISMATCHED_PAYLOADS
+from agents.papers.excavator.runs import CASES, CONTROLLERS, MISMATCHED_PAYLOADS, NOMINAL, PUSH, Trial
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_the_nominal_case_is_the_payload_table_again(document: dict[str, Any]) -
 
 
 def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
-    gain, mass, accuracy, rough, centre, kinematics, sign = (fact["values"] for fact in document["facts"])
+    gain, mass, accuracy, rough, centre, forces, kinematics, sign = (fact["values"] for fact in document["facts"])
     rows = {(row["controller"], row["mass"]): row["last"] for row in document["payloads"]}
     ours, fixed = CONTROLLERS[-1].title, "computed torque"
     assert gain["last_of_fixed"] == pytest.approx(rows[ours, 350.0]["joints"] / rows[fixed, 350.0]["joints"])
@@ -60,7 +60,23 @@ def test_facts_are_what_their_numbers_show(document: dict[str, Any]) -> None:
     )
     assert rough["tip"] == max(together[ours, mass]["tip"] for mass in (70.0, 350.0))
     assert list(centre) == ["the paper's, mass", "computed torque + I", ours]
+    for case in ("push", "pull"):
+        row = {(row["controller"], row["mass"]): row for row in document["rough"] if row["case"] == case}
+        assert forces[case] == {
+            title: pytest.approx(np.degrees(row[title, 70.0]["last"]["joints"]))
+            for title in ("computed torque + I", "the paper's, mass", ours)
+        }
+    assert forces["pull"]["the paper's, mass"] > 2.0 * forces["pull"]["computed torque + I"]
     assert kinematics["all_branches"] == pytest.approx(0.76, abs=0.02)
     assert kinematics["recovered"] == 1.0
     assert max(kinematics["position"], kinematics["direction"]) < 1e-12
     assert sign == {"printed": pytest.approx(0.0, abs=1e-3), "repaired": 1.0}
+
+
+def test_a_push_to_the_left_moves_the_slew_to_the_left_while_it_lasts() -> None:
+    run = Trial(cycles=1, period=0.02).follow(CONTROLLERS[2], [(2.0, NOMINAL), (2.0, PUSH)])
+    before, during = run.t < PUSH.acting[0] + 0.01, (run.t > 0.6) & (run.t < PUSH.acting[1])
+    np.testing.assert_array_equal(run.q[before, 0], run.q[before, 1])
+    pushed = run.q[during, 1] - run.q[during, 0]
+    assert pushed[:, 0].min() > 0.0
+    assert pushed[:, 0].max() > 5e-4

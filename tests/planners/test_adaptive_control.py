@@ -336,8 +336,9 @@ def test_a_loaded_work_cycle_is_within_the_machines_limits() -> None:
     assert (np.abs(q) <= np.array(EXCAVATOR.limits.angle)).all()
 
 
+@pytest.mark.parametrize("outside", [0.0, 700.0])
 @pytest.mark.parametrize("lag", [0.0, 0.02])
-def test_the_plant_moves_as_its_equations_say(lag: float) -> None:
+def test_the_plant_moves_as_its_equations_say(lag: float, outside: float) -> None:
     load, period = payload(140.0)[None], 0.02
     plant = Plant.loaded(DYNAMICS, load, friction_scale=1.3, lag=lag)
     friction = np.array([1.0, 1.3])
@@ -348,11 +349,11 @@ def test_the_plant_moves_as_its_equations_say(lag: float) -> None:
 
     def rates(t: float, y: Array) -> Array:
         tau = command + (held - command) * np.exp(-t / lag) if lag else command
-        return np.concatenate([y[N:], acceleration(true, y[None, :N], y[None, N:], tau, load)[0]])
+        return np.concatenate([y[N:], acceleration(true, y[None, :N], y[None, N:], tau + outside, load)[0]])
 
     y = solve_ivp(rates, (0.0, period), np.concatenate([q[0], qd[0]]), rtol=1e-12, atol=1e-13).y[:, -1]
     applied = held.copy()
-    plant.advance(q, qd, applied, command, period)
+    plant.advance(q, qd, applied, command, period, outside)
     np.testing.assert_allclose(np.concatenate([q[0], qd[0]]), y, atol=1e-9)
     left = np.exp(-period / lag) if lag else 0.0
     np.testing.assert_allclose(applied, command + left * (held - command))

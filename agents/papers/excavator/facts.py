@@ -14,6 +14,8 @@ from agents.papers.excavator.runs import (
     INTEGRAL,
     NOMINAL,
     PAPER,
+    PULL,
+    PUSH,
     Case,
     NamedController,
 )
@@ -75,8 +77,28 @@ def facts(payloads: Sequence[Record], mismatched: Sequence[Record]) -> Iterator[
         errors,
     )
 
+    yield outside_force(mismatched)
     yield round_trip()
     yield printed_sign()
+
+
+def outside_force(mismatched: Sequence[Record]) -> Fact:
+    """What forces on the tip do to each law with the lightest of the payloads."""
+    values: Record = {}
+    parts = []
+    for case in (PUSH, PULL):
+        rows = {entry.title: _of(mismatched, entry, case)[0] for entry in (INTEGRAL, PAPER, DEFAULT)}
+        errors = {title: float(np.degrees(row["last"]["joints"])) for title, row in rows.items()}
+        values[case.title] = errors
+        parts.append(f"{case.title}: " + ", ".join(f"{value:.3f} deg ({title})" for title, value in errors.items()))
+    pulled = _of(mismatched, PAPER, PULL)[0]
+    values["mass_error"] = pulled["last"]["mass_error"]
+    return Fact(
+        f"Forces on the tip from outside, {pulled['mass']:g} kg. {'; '.join(parts)}. The paper's law is off by "
+        f"up to {values['mass_error']:.0f} kg in the mass under the pull: it adapts parameters of the arm, and a force "
+        "from outside is none.",
+        values,
+    )
 
 
 def round_trip() -> Fact:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from agents.papers.report import Record
 from planners.excavator import EXCAVATOR, Excavator, forward_kinematics
 from planners.excavator.controllers import make_controller
 from planners.excavator.dynamics import ChainDynamics, payload
+from planners.excavator.kinematics import jacobian
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.simulation import Plant, Run, simulate
 from planners.typing import Array
@@ -52,12 +54,16 @@ class Case:
     friction: float = 1.0  # factor
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the payload's centre, in the frame of link 5, m
     links: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)  # factors on masses and inertias
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # on the tip from outside, in the frame of the base, N
+    acting: tuple[float, float] = (0.0, math.inf)  # when in a cycle, s
 
 
 NOISE, LINKS = (1e-4, 5e-3), (1.05, 0.95, 1.05, 0.95, 1.05)
 NOMINAL = Case("nominal")
 CENTRE_OFF = Case("centre off", offset=(0.10, 0.15, 0.0))
 ALL_TOGETHER = Case("all together", lag=0.03, noise=NOISE, friction=1.5, offset=(0.05, 0.08, 0.03), links=LINKS)
+PUSH = Case("push", force=(0.0, 500.0, 0.0), acting=(0.5, 1.5))
+PULL = Case("pull", force=(-300.0, 0.0, -300.0))
 CASES = (
     NOMINAL,
     Case("lag 30 ms", lag=0.03),
@@ -67,6 +73,8 @@ CASES = (
     CENTRE_OFF,
     Case("links +-5 %", links=LINKS),
     ALL_TOGETHER,
+    PUSH,
+    PULL,
 )
 
 
@@ -96,7 +104,23 @@ class Trial:
         controller = make_controller(
             entry.controller, moments=entry.moments, rows=plant.rows, period=self.period, machine=self.machine
         )
-        return simulate(controller, plant, WORK_CYCLE, self.cycles, progress=progress)
+        outside = self._outside(cases) if any(any(case.force) for case in cases) else None
+        return simulate(controller, plant, WORK_CYCLE, self.cycles, outside=outside, progress=progress)
+
+    def _outside(self, cases: Sequence[Case]) -> Callable[[float, Array], Array]:
+        """Joint torques of the cases' forces on the tip, at a time and joint angles."""
+        forces = np.array([case.force for case in cases])
+        begin, end = np.array([case.acting for case in cases]).T
+
+        def torques(t: float, q: Array) -> Array:
+            since = t % WORK_CYCLE.period
+            acting = (begin <= since) & (since < end) & forces.any(axis=1)
+            tau = np.zeros_like(q)
+            if acting.any():
+                tau[acting] = np.einsum("rij,ri->rj", jacobian(q[acting], self.machine)[:, :3], forces[acting])
+            return tau
+
+        return torques
 
     def records(self, conditions: Conditions, progress: Progress = lambda: None) -> Iterator[Record]:
         """Errors of every controller under every condition."""
