@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -31,6 +32,7 @@ FIGURES = [
     apf_figures.figures,
     lambda: excavator_figures(Trial(), [0.0]),
 ]
+NUMBER = re.compile(r"\d*\.?\d+(?:e-\d+)?")
 every_paper = pytest.mark.parametrize("command", RECORDS)
 
 
@@ -67,6 +69,15 @@ def test_tables_and_facts_are_printed_as_markdown(regenerate: Regenerate, comman
     for fact in results.document.get("facts", []):
         assert f"\n- {fact['statement']}\n" in results.printed
         assert fact["values"]
+
+
+@pytest.mark.parametrize("paper", ["dpct", "lagrange", "apf"])
+def test_the_page_of_a_paper_says_what_its_facts_say(regenerate: Regenerate, paper: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "papers" / f"{paper}.md").read_text().replace(",000", "000")
+    said = set(map(float, NUMBER.findall(page)))
+    for fact in regenerate(f"paper-{paper}").document["facts"]:
+        if "sample takes" not in fact["statement"]:  # a measured time
+            assert [number for number in NUMBER.findall(fact["statement"]) if float(number) not in said] == []
 
 
 @pytest.mark.usefixtures("without_matplotlib")
