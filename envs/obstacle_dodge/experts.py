@@ -99,8 +99,9 @@ class DodgingExpert(Expert):
         q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
         places = seen["obstacle"].reshape(batch, discs, 2) + base
         rates = seen["obstacle_velocity"].reshape(batch, discs, 2)
-        qdd = np.empty_like(q)
-        for arm, rows in self._arms():
+        qdd = np.zeros_like(q)
+        for arm, part_of in self._arms():
+            rows = part_of if self.idle is None else np.arange(batch)[part_of][~self.idle[part_of]]
             part = memory[rows]
             qdd[rows] = dodge_accelerations(
                 arm,

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from planners.apf.dodge.discs import observe_discs, predict_discs
+from planners.apf.dodge.escape import escape, escape_room
 from planners.apf.dodge.gains import DodgeGains, as_record, make_instants
 from planners.apf.dodge.look_ahead import STATE, DodgeScene
 from planners.apf.dodge.proposals import choose_well
@@ -86,8 +87,22 @@ def dodge_accelerations(
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
     base, sizes, qdd = arm.base_array, _shaped(radii, (rows, discs)), np.empty_like(angles)
+    room = escape_room() if discs > 1 else None
     _dodge_batch(
-        body, values, instants, states, angles, speeds, hands - base, places - base, rates, sizes, memory, period, qdd
+        body,
+        values,
+        instants,
+        states,
+        angles,
+        speeds,
+        hands - base,
+        places - base,
+        rates,
+        sizes,
+        memory,
+        period,
+        qdd,
+        room,
     )
     return qdd
 
@@ -120,7 +135,9 @@ def _dodge_batch(
     memory: Any,
     period: float,
     qdd: Array,
+    room: Array | None,
 ) -> None:
+    """Fill in the accelerations of every row; without ``room`` for it, the escape is not compiled."""
     state, discs = states[0], radii.shape[1]
     places, trends = np.empty((instants.shape[0], discs, 2)), np.empty((discs, 4))
     for row in range(q.shape[0]):
@@ -133,7 +150,10 @@ def _dodge_batch(
             goal_postures(body, q[row], goal[row, 0], goal[row, 1], state.postures)
             _choose_elbow(body, gains, state, record)
             predict_discs(gains, instants, positions[row], trends, places)
-            choose_well(DodgeScene(body, gains, state, instants, places, radii[row]), record)
+            scene = DodgeScene(body, gains, state, instants, places, radii[row])
+            cost = choose_well(scene, record)
+            if room is not None and cost > -np.inf:
+                escape(scene, record, cost, room)
         record.begun = True
         for i in range(2):
             error, strength = record.well[i] - q[row, i], record.share * body.hardest[i]

@@ -85,7 +85,7 @@ class DodgeScene(NamedTuple):
 @private
 def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
     """Simulate a proposal; stops early once its cost exceeds ``enough``, s."""
-    body, gains, state, instants, places, radii = scene
+    body, gains, state, instants, places, _ = scene
     l1, l2 = body.lengths[0], body.lengths[1]
     top1, top2 = VELOCITY_SHARE * body.top[0], VELOCITY_SHARE * body.top[1]
     q1, q2, v1, v2 = state.q[0], state.q[1], state.qd[0], state.qd[1]
@@ -95,25 +95,19 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
     strength1, strength2 = proposal.share * body.hardest[0], proposal.share * body.hardest[1]
     near = state.tolerance * state.tolerance
     cost, slack, worst, worst1, worst2 = 0.0, np.inf, 0, q1, q2
-    n_steps, n_discs = places.shape[0], places.shape[1]
+    n_steps = places.shape[0]
     for step in range(n_steps):
         # motion of the joints in the present well
         if step == proposal.steps:
             well1, well2 = state.postures[proposal.elbow, 0], state.postures[proposal.elbow, 1]
             strength1, strength2 = body.cruise[0], body.cruise[1]
-        a1 = joint_attraction(well1 - q1, v1, strength1, top1, RATE)
-        a2 = joint_attraction(well2 - q2, v2, strength2, top2, RATE)
-        turn1, turn2 = STEP * (v1 + 0.5 * STEP * a1), STEP * (v2 + 0.5 * STEP * a2)
-        q1, q2, v1, v2 = q1 + turn1, q2 + turn2, v1 + STEP * a1, v2 + STEP * a2
-        c1, s1 = _turned(c1, s1, turn1)
-        c2, s2 = _turned(c2, s2, turn1 + turn2)
+        turn1, v1 = moved(well1 - q1, v1, strength1, top1)
+        turn2, v2 = moved(well2 - q2, v2, strength2, top2)
+        q1, q2 = q1 + turn1, q2 + turn2
+        c1, s1 = turned(c1, s1, turn1)
+        c2, s2 = turned(c2, s2, turn1 + turn2)
         # clearance from the nearest disc, and its cost
-        clearance = np.inf
-        for disc in range(n_discs):
-            distance = gap(l1, l2, c1, s1, c2, s2, places[step, disc, 0], places[step, disc, 1])
-            if distance - radii[disc] < clearance:
-                clearance = distance - radii[disc]
-        clearance -= body.link_radius
+        clearance = least_clearance(scene, step, c1, s1, c2, s2)
         spare = clearance - instants[step].margin
         if spare < slack:
             slack, worst, worst1, worst2 = spare, step, q1, q2
@@ -137,10 +131,39 @@ def look_ahead(scene: DodgeScene, proposal: Proposal, enough: float) -> Outlook:
                 late += state.need - gains.success
             if cost + late > enough:
                 return Outlook(cost + late, slack, worst, worst1, worst2)
-    for disc in range(n_discs):
-        x, y = places[n_steps - 1, disc, 0], places[n_steps - 1, disc, 1]
-        cost += _cornered(body, gains, q1, s1 * x - c1 * y, math.hypot(x, y))
-    return Outlook(cost + max(0.0, to_go(body, state, q1, q2, v1, v2) - held), slack, worst, worst1, worst2)
+    return Outlook(cost_at_end(scene, cost, q1, q2, v1, v2, c1, s1, held), slack, worst, worst1, worst2)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def moved(error: float, v: float, strength: float, top: float) -> tuple[float, float]:
+    """Turn of a joint in a step, rad, and its velocity after it, rad/s, in a well ``error`` (rad) away."""
+    a = joint_attraction(error, v, strength, top, RATE)
+    return STEP * (v + 0.5 * STEP * a), v + STEP * a
+
+
+@njit(cache=True, nogil=True, inline="always")
+def least_clearance(scene: DodgeScene, step: int, c1: float, s1: float, c2: float, s2: float) -> float:
+    """Clearance of links along ``(c1, s1)`` and ``(c2, s2)`` from the nearest predicted disc, m."""
+    body, places, radii = scene.body, scene.places, scene.radii
+    clearance = np.inf
+    for disc in range(places.shape[1]):
+        x, y = places[step, disc, 0], places[step, disc, 1]
+        distance = gap(body.lengths[0], body.lengths[1], c1, s1, c2, s2, x, y)
+        if distance - radii[disc] < clearance:
+            clearance = distance - radii[disc]
+    return float(clearance - body.link_radius)
+
+
+@private
+def cost_at_end(
+    scene: DodgeScene, cost: float, q1: float, q2: float, v1: float, v2: float, c1: float, s1: float, held: float
+) -> float:
+    """Cost so far and of what is left at the end of the look-ahead, s: time to the goal, and a blocked first joint."""
+    body, places = scene.body, scene.places
+    for disc in range(places.shape[1]):
+        x, y = places[-1, disc, 0], places[-1, disc, 1]
+        cost += _cornered(body, scene.gains, q1, s1 * x - c1 * y, math.hypot(x, y))
+    return float(cost + max(0.0, to_go(body, scene.state, q1, q2, v1, v2) - held))
 
 
 @private
@@ -154,7 +177,7 @@ def to_go(body: Any, state: Any, q1: float, q2: float, v1: float, v2: float) -> 
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _turned(c: float, s: float, angle: float) -> tuple[float, float]:
+def turned(c: float, s: float, angle: float) -> tuple[float, float]:
     """A direction turned by a small angle (below 0.5 rad to 1e-7), by its Taylor series."""
     square = angle * angle
     cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))

@@ -31,8 +31,12 @@ WELL_MARGIN = 0.02
 
 
 @private
-def choose_well(scene: DodgeScene, record: Any) -> None:
-    """Choose the well that attracts a row and write it to the row's memory."""
+def choose_well(scene: DodgeScene, record: Any) -> float:
+    """Choose the well that attracts a row and write it to the row's memory.
+
+    Returns:
+        Its cost, s; -inf if the straight motion to the goal keeps the margin.
+    """
     gains, goals = scene.gains, scene.state.postures
     elbow, other = record.elbow, 1 - record.elbow
     was_detour, last1, last2 = record.detour, record.well[0], record.well[1]
@@ -42,7 +46,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
     _take(record, straight, False)
     record.decided = True
     if outlook.slack >= 0.0:
-        return
+        return -np.inf
     least = outlook.cost
     if scene.state.handicaps[other] < np.inf:
         straight = Proposal(goals[other, 0], goals[other, 1], CRUISE_SHARE, NEVER, other)
@@ -66,7 +70,7 @@ def choose_well(scene: DodgeScene, record: Any) -> None:
         for fold in (-FOLDED, FOLDED):
             well1, well2 = rest1 + swing * gains.retreat, middle2 + fold * min(scene.body.ranges[1], math.pi)
             least = _try_well(scene, record, Proposal(well1, well2, gains.evade, NEVER, elbow), least, 0.0)
-    _try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0)
+    return float(_try_well(scene, record, Proposal(rest1, rest2, gains.evade, NEVER, elbow), least, 0.0))
 
 
 @private
