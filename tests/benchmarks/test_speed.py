@@ -247,6 +247,39 @@ def test_a_step_of_the_batch_costs_little_more_than_its_physics(
     assert physics / whole >= required
 
 
+# Environment, and required ratio of the rates without resets: in closed form, and with Pymunk.
+CLOSED_FORM = [
+    ("ConveyorTrack-v0", 8.0),
+    ("MinTorqueMove-v0", 8.0),
+    ("ObstacleDodge-v0", 4.0),
+    ("ExcavatorPayload-v0", 6.0),
+]
+
+
+@pytest.mark.usefixtures("measured")
+@pytest.mark.parametrize(("env_id", "required"), CLOSED_FORM)
+def test_closed_form_physics_is_faster(env_id: str, required: float) -> None:
+    """In processor time of all threads; printed for whole steps with their resets, too."""
+    times = np.empty((8, 2, 2))
+    vectors: list[Any] = [gym.make_vec(env_id, num_envs=N_ENVS, physics=one) for one in ("pymunk", "closed_form")]
+    shape = (40, *vectors[0].action_space.shape)
+    actions = np.random.default_rng(0).uniform(-0.1, 0.1, shape).astype(np.float32)
+    for each in times:
+        for env, taken in zip((vector.unwrapped for vector in vectors), each, strict=True):
+            env.reset(seed=0)
+            for kind, work in enumerate((env.step, env.task.advance)):
+                began = time.process_time()
+                for action in actions:
+                    work(action)
+                taken[kind] = 1e6 * (time.process_time() - began) / (len(actions) * N_ENVS)
+    (pymunk_step, pymunk), (step, physics) = times.min(axis=0)
+    print(
+        f"{env_id}: Pymunk {pymunk:.2f} us an environment, closed form {physics:.2f} us: ratio {pymunk / physics:.1f}; "
+        f"steps {pymunk_step:.2f} and {step:.2f} us: {pymunk_step / step:.1f}"
+    )
+    assert pymunk / physics >= required
+
+
 @pytest.mark.usefixtures("measured")
 def test_a_thread_that_helps_costs_little() -> None:
     """What threads cost besides the work: a step in which every environment rests, in one slice and in many."""
