@@ -105,10 +105,10 @@ def solve(
         z = roll_out(tracking, time, acceleration, control)
         evaluate(tracking, time, time_low, time_high, z, control, value, gradient)
         if iterations == 0:
-            _first_slacks(bounded, value, gap, slack, dual)
+            first_slacks(bounded, value, gap, slack, dual)
         else:
             # done, stalled, or on with a smaller barrier
-            violation, gap = _excess(bounded, value), 0.0
+            violation, gap = excess_of(bounded, value), 0.0
             for k in range(stages):
                 for row in range(rows):
                     gap += slack[k, row, 0] * dual[k, row, 0]
@@ -132,11 +132,11 @@ def solve(
         # Newton's step: the quadratic model by (z, T, j) of each stage, solved over the stages (eq 29, 30)
         barrier = centring * gap
         _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
-        _barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
+        barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
         basis = _start_basis(tracking, time, acceleration, free_time)
         steps, start_step = solve_stages(tracking.durations, hessian, linear, z[stages], basis)
         # as far as slacks, multipliers and T may go
-        primal, dual_length = _slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
+        primal, dual_length = slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
         if free_time:
             time_step = start_step[0]
             primal = min(primal, max_time_change * time / max(abs(time_step), 1e-300))
@@ -179,7 +179,7 @@ def guess_time(tracking: Tracking, time_low: float, time_high: float) -> float:
         control = _quintic_control(tracking, time)
         z = roll_out(tracking, time, tracking.start[2], control)
         evaluate(tracking, time, 0.0, 0.0, z, control, value, gradient)
-        violation = _excess(bounded, value)
+        violation = excess_of(bounded, value)
         if violation < least:
             best_time, least = time, violation
         if violation < NEARLY:
@@ -212,7 +212,7 @@ def _quintic_control(tracking: Tracking, time: float) -> Array:
 
 
 @private
-def _first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dual: Array) -> None:
+def first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dual: Array) -> None:
     """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
     for k in range(value.shape[0]):
         for row in range(value.shape[1]):
@@ -258,7 +258,7 @@ def _index_model(
 
 
 @private
-def _barrier_model(
+def barrier_model(
     bounded: Array,
     value: Array,
     gradient: Array,
@@ -269,6 +269,7 @@ def _barrier_model(
     linear: Array,
 ) -> None:
     """Adds the constraints, with slacks and multipliers eliminated."""
+    size = gradient.shape[2]
     for k in range(bounded.shape[0]):
         for row in range(bounded.shape[1]):
             weight = pull = 0.0
@@ -279,12 +280,12 @@ def _barrier_model(
                     weight += d / s
                     pull += sign * (d * (sign * value[k, row] + s - 1.0) + barrier) / s
             if weight > 0.0:
-                for a in range(5):
+                for a in range(size):
                     weighted = weight * gradient[k, row, a]
                     linear[k, a] += pull * gradient[k, row, a]
                     for b in range(a + 1):
                         hessian[k, a, b] += weighted * gradient[k, row, b]
-        for a in range(5):
+        for a in range(size):
             for b in range(a):
                 hessian[k, b, a] = hessian[k, a, b]
 
@@ -303,7 +304,7 @@ def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time
 
 
 @private
-def _slack_steps(
+def slack_steps(
     bounded: Array,
     value: Array,
     gradient: Array,
@@ -316,10 +317,11 @@ def _slack_steps(
 ) -> tuple[float, float]:
     """Steps of slacks and multipliers (written), and how far each may go without leaving the positive side."""
     primal = dual_length = 1.0 / BOUNDARY_FRACTION
+    size = gradient.shape[2]
     for k in range(bounded.shape[0]):
         for row in range(bounded.shape[1]):
             change = 0.0
-            for a in range(5):
+            for a in range(size):
                 change += gradient[k, row, a] * steps[k, a]
             for side in range(2):
                 slack_step[k, row, side] = dual_step[k, row, side] = 0.0
@@ -337,7 +339,7 @@ def _slack_steps(
 
 
 @njit(cache=True, nogil=True)
-def _excess(bounded: Array, value: Array) -> float:
+def excess_of(bounded: Array, value: Array) -> float:
     """Largest excess of a scaled limit, 0 if there is none."""
     excess = 0.0
     for k in range(value.shape[0]):

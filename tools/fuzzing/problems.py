@@ -75,6 +75,9 @@ def draw_options(generator: np.random.Generator, entry: capabilities.Variant, pr
             given = {"elbow": elbow, "stages": int(generator.integers(10, 60))}
             given |= {"allow_reverse": flag, "free_initial_acceleration": bool(generator.integers(0, 2))}
             return given | (choice if generator.random() < 0.3 else {})
+        case "dpct", "free":
+            tolerances = {"position_tolerance": 1e-3 * (0.1 + share), "velocity_tolerance": 2e-3 * (0.1 + share)}
+            return {"stages": int(generator.integers(10, 60))} | (tolerances if flag else {})
         case "dpct", "timing":
             return {"contact": contact, "margin": 0.005 + 0.1 * share, "prediction": 0.5 + share}
         case "dpct", "torque":
