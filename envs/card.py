@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -110,6 +110,21 @@ class Control:
 
 
 @dataclass(frozen=True)
+class Level:
+    """How hard a task is made: settings of the environment and options of each reset.
+
+    Attributes:
+        meaning: what is harder than by default, for tables.
+        settings: of the environment, ``gym.make(id, **settings)``.
+        options: of the reset.
+    """
+
+    meaning: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class TaskCard:
     """What other packages need to know of a task.
 
@@ -124,6 +139,7 @@ class TaskCard:
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
         picture: what figures show.
         controls: what a spectator may change while an episode runs.
+        levels: difficulty levels by name, from the easiest for the best expert to the hardest.
     """
 
     metrics: tuple[Metric, ...]
@@ -136,6 +152,23 @@ class TaskCard:
     constant_entries: frozenset[str] = frozenset()
     picture: Picture | None = None
     controls: tuple[Control, ...] = ()
+    levels: Mapping[str, Level] = field(default_factory=dict)
+
+    def at_level(
+        self, name: str | None, settings: Mapping[str, Any], options: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Settings and reset options at a level, with some of them given in place of the level's.
+
+        Raises:
+            ValueError: for an unknown level, with the nearest one that there is.
+        """
+        if name is None:
+            return dict(settings), dict(options)
+        from envs.settings import refuse_unknown
+
+        refuse_unknown([name], self.levels, "level")
+        level = self.levels[name]
+        return {**level.settings, **settings}, {**level.options, **options}
 
     @property
     def primary(self) -> Metric | None:

@@ -32,6 +32,8 @@ class BenchmarkOptions(ScoreOutputs):
         $ planarm benchmark --policies agent apf runs/mine --tasks ObstacleDodge-v0
         $ planarm benchmark --policies my_module:make_policy model.zip dpct --tasks ConveyorTrack-v0 --allow-code
         $ planarm benchmark --tasks my_module:MyTask-v0 --options distance=0.3
+        $ planarm benchmark --config levels --tasks ObstacleDodge-v0/fast
+        $ planarm benchmark --tasks MinTorqueMove-v0 --level vertical
         $ planarm benchmark --full --num-envs 25 --address auto --json runs/leaderboard.json
     """
 
@@ -50,6 +52,8 @@ class BenchmarkOptions(ScoreOutputs):
     module:name for your own planner, policy, or function that makes one."""
     tasks: tuple[str, ...] | None = None
     """Names of tasks of the configuration, to run these alone; or ids of other environments, module:id for yours."""
+    level: str | None = None
+    """Difficulty level of every task, from its card (docs/benchmark/levels.md)."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environments to change from its default, such as payload=0.3."""
     options: tuple[str, ...] = ()
@@ -67,7 +71,7 @@ class BenchmarkOptions(ScoreOutputs):
         """The configuration with the changes of the command line."""
         changes: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("episodes", "bound_episodes", "seed", "policies", "num_envs", "replays")
+            for name in ("episodes", "bound_episodes", "seed", "policies", "level", "num_envs", "replays")
             if getattr(self, name) is not None
         }
         changes |= {"env_config": assigned({}, self.settings), "options": assigned({}, self.options)}

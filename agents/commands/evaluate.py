@@ -32,6 +32,7 @@ class EvaluateOptions(ScoreOutputs):
         $ planarm evaluate runs/mine --against dpct apf
         $ planarm evaluate my_module:make_policy --env ConveyorTrack-v0 --against dpct --options belt_speed=0.2
         $ planarm evaluate dpct+adaptive --env ConveyorTrack-v0 --against dpct --settings payload=0.3
+        $ planarm evaluate lagrange --env MinTorqueMove-v0 --level latency --against dpct
         $ planarm evaluate model.zip --env ConveyorTrack-v0 --settings control_mode=jerk --allow-code
     """
 
@@ -46,6 +47,8 @@ class EvaluateOptions(ScoreOutputs):
     """Seed of the first episode; each further episode has the next."""
     against: tuple[str, ...] = ()
     """Policies to compare with, on the same episodes."""
+    level: str | None = None
+    """Difficulty level, from the task's card (docs/benchmark/levels.md)."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environment to change from its default."""
     options: tuple[str, ...] = ()
@@ -69,6 +72,7 @@ class EvaluateOptions(ScoreOutputs):
             "tasks": [
                 {
                     "env": env_id,
+                    "level": self.level,
                     "env_config": {**carried, **assigned({}, self.settings)},
                     "options": assigned({}, self.options),
                 }

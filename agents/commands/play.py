@@ -40,6 +40,8 @@ class PlayOptions:
     first expert on the task's card."""
     seed: int = 0
     """Seed of the first episode."""
+    level: str | None = None
+    """Difficulty level, from the task's card (docs/benchmark/levels.md)."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environment to change from its default."""
     port: int = 0
@@ -53,19 +55,19 @@ class PlayOptions:
 def run(options: PlayOptions) -> int:
     """Serve the page until Ctrl-C; the exit code."""
     env_id = import_env(options.env)
-    envs.task_card(env_id)  # raises for an unknown id
+    card = envs.task_card(env_id)  # raises for an unknown id
     check_seed(options.seed)
     policies = options.policies or (expert_names(env_id)[0],)
-    settings = assigned({}, options.settings)
+    settings, started = card.at_level(options.level, assigned({}, options.settings), {})
     first: dict[str, Any] = {"env": env_id, "policies": policies, "seed": options.seed}
-    trial = Session(allow_code=options.allow_code, settings=settings)
+    trial = Session(allow_code=options.allow_code, settings=settings, options=started)
     try:  # what the page would only show later
         trial.take(Message(do="choose", choice=Choice.parse(first, "play option")))
     finally:
         trial.close()
     listening = open_socket(options.port)
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
-    served = application(first, settings=settings, allow_code=options.allow_code)
+    served = application(first, settings=settings, options=started, allow_code=options.allow_code)
     config = uvicorn.Config(served, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1)
     say(f"playing at {address} (Ctrl-C ends it)")
     if options.browser:

@@ -52,6 +52,8 @@ class RolloutOptions:
     """Which start, short for --options scenario=...; paper is the paper's."""
     options: tuple[str, ...] = ()
     """key=value for each option of the reset, such as belt_speed=0.2."""
+    level: str | None = None
+    """Difficulty level, from the task's card (docs/benchmark/levels.md)."""
     control_mode: str | None = None
     """What an action of an expert means, such as torque; by default what it means in the environment."""
     settings: tuple[str, ...] = ()
@@ -71,7 +73,7 @@ class RolloutOptions:
 def run(options: RolloutOptions) -> int:
     """Run the episode; the exit code."""
     env_id = import_env(options.env)
-    envs.task_card(env_id)  # raises for an unknown id
+    card = envs.task_card(env_id)  # raises for an unknown id
     check_seed(options.seed)
     if options.render and options.record is not None:
         raise ValueError("--render shows and --record writes: give one, then the other with the same --seed")
@@ -89,8 +91,8 @@ def run(options: RolloutOptions) -> int:
                 "one of them"
             )
         changes["control_mode"] = options.control_mode
+    changes, reset_options = card.at_level(options.level, changes, given_options(options.options, options.scenario))
     settings = named.own_settings(changes)
-    reset_options = given_options(options.options, options.scenario)
     check_names(env_id, settings, reset_options)
     if assumption := named.assumption(env_id, settings):
         note(f"{assumption}, such as --control-mode jerk", "yellow")

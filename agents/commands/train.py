@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from contextlib import suppress
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+import envs
 from agents.console import INTERRUPTED, catch_interrupt, note, progress_bar
 from agents.training.recipe import TrainingConfig
 from agents.yaml_config import load_config
@@ -43,6 +45,8 @@ class TrainOptions:
     """Name of a shipped configuration (in configs/), or a path to a YAML file of the same form."""
     changes: tyro.conf.Positional[tuple[str, ...]] = ()
     """key=value for each setting to change; dots lead into nested ones, values are YAML."""
+    level: str | None = None
+    """Difficulty level of the environment, from the task's card; one that is made of settings, not of reset options."""
     seed: int | None = None
     """Seed of all random number generators of the run."""
     total_steps: int | None = None
@@ -58,12 +62,29 @@ class TrainOptions:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a run to --resume")
         named = [f"{name}={value}" for name in ("seed", "total_steps") if (value := getattr(self, name)) is not None]
         changes = [f"env_config.{change}" if change.startswith("arm=") else change for change in self.changes]
-        return load_config(self.config, TrainingConfig).overridden([*changes, *named])
+        return self._at_level(load_config(self.config, TrainingConfig)).overridden([*changes, *named])
+
+    def _at_level(self, config: TrainingConfig) -> TrainingConfig:
+        if self.level is None:
+            return config
+        settings, options = envs.task_card(config.env_id).at_level(self.level, {}, {})
+        if options:
+            raise ValueError(
+                f"level {self.level} is made of reset options, {options}, which a training run does not take; "
+                "choose one that is made of settings"
+            )
+        return config.overridden([f"env_config.{name}={json.dumps(value)}" for name, value in settings.items()])
 
     def make_run(self) -> TrainingRun:
         """The run to continue, or a new one."""
         if self.resume is not None:
-            if self.config is not None or self.seed is not None or self.total_steps is not None or self.out is not None:
+            if (
+                self.config is not None
+                or self.level is not None
+                or self.seed is not None
+                or self.total_steps is not None
+                or self.out is not None
+            ):
                 raise ValueError("--resume takes no other options: a run keeps the settings that it began with")
             return _runs().resume(self.resume)
         config = self.resolve()

@@ -36,7 +36,8 @@ class BenchmarkTask(Settings):
 
     Attributes:
         env: id of the environment, ``module:id`` for a task of your own.
-        name: title in the leaderboard; the id when left out.
+        level: difficulty level on the task's card; its settings and options are added to those below.
+        name: title in the leaderboard; id and level when left out.
         env_config: settings of the environment.
         options: of each reset.
         policies: those of this task, if not those of the benchmark.
@@ -46,6 +47,7 @@ class BenchmarkTask(Settings):
     """
 
     env: str
+    level: str | None = None
     name: str = ""
     env_config: dict[str, Any] = Field(default_factory=dict)
     options: dict[str, Any] = Field(default_factory=dict)
@@ -66,10 +68,20 @@ class BenchmarkTask(Settings):
         """The settings as they go into JSON."""
         return portable(env_config)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _at_level(cls, given: Any) -> Any:
+        """The settings and options of the level beside the given ones."""
+        if not (isinstance(given, Mapping) and given.get("level") and isinstance(given.get("env"), str)):
+            return given
+        own = given.get("env_config", {}), given.get("options", {})
+        settings, options = envs.task_card(import_env(given["env"])).at_level(given["level"], *own)
+        return {**given, "env_config": settings, "options": options}
+
     @property
     def title(self) -> str:
         """Its title in the leaderboard."""
-        return self.name or self.env
+        return self.name or (f"{self.env}/{self.level}" if self.level else self.env)
 
 
 class Quick(Settings):
@@ -144,8 +156,8 @@ def configure(
 
     Args:
         config: name of a shipped one, or path of a YAML file.
-        changes: settings to change; ``env_config`` and ``options`` are added to those of every task. ``policies`` are
-            those of every task, without experts that other tasks alone have.
+        changes: settings to change; ``env_config`` and ``options`` are added to those of every task, and ``level`` is
+            its level. ``policies`` are those of every task, without experts that other tasks alone have.
         tasks: titles of tasks of the configuration, or ids of other environments, to run these alone.
         full: whether to run all of it, and not its quick part.
 
@@ -156,6 +168,8 @@ def configure(
     loaded = whole if full else whole.shortened(in_order=changes.get("policies") is not None)
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
+    if (level := changes.pop("level", None)) is not None:
+        chosen = [BenchmarkTask.parse({**dict(task), "level": level, "name": ""}, "task") for task in chosen]
     for name in ("env_config", "options"):
         more = changes.pop(name, {})
         chosen = [task.model_copy(update={name: {**getattr(task, name), **more}}) for task in chosen]

@@ -41,12 +41,15 @@ _HEADERS = {
 }
 
 
-def application(first: Mapping[str, Any], *, settings: Mapping[str, Any], allow_code: bool) -> Starlette:
+def application(
+    first: Mapping[str, Any], *, settings: Mapping[str, Any], options: Mapping[str, Any], allow_code: bool
+) -> Starlette:
     """The pages and the websocket.
 
     Args:
         first: what a new page plays, a `Choice` as a document.
         settings: of every environment.
+        options: of every reset.
         allow_code: whether models of Stable-Baselines3 may be loaded.
     """
 
@@ -56,7 +59,7 @@ def application(first: Mapping[str, Any], *, settings: Mapping[str, Any], allow_
             return
         await socket.accept()
         await socket.send_json({"kind": "welcome", "tasks": catalogue(), "first": first, "palette": palette_document()})
-        await _Page(socket, Session(allow_code=allow_code, settings=settings)).run()
+        await _Page(socket, Session(allow_code=allow_code, settings=settings, options=options)).run()
 
     routes = [Route(f"/{name}", _file) for name in _FILES]
     middleware = [Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])]

@@ -71,12 +71,14 @@ class Session:
     Attributes:
         allow_code: whether models of Stable-Baselines3 may be loaded.
         settings: of every environment, beside those of the choice.
+        options: of every reset, beside those of the choice.
         running: whether time goes on.
         speed: of the played time, as a share of real time.
     """
 
     allow_code: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
     running: bool = True
     speed: float = 1.0
     _played: list[PlayedPolicy] = field(default_factory=list)
@@ -133,7 +135,7 @@ class Session:
         if choice is None or bound is None:
             return None
         metric = next(each for each in task_card(choice.env).metrics if each.key == bound.metric)
-        settings, options = self._settings(choice), _options(choice)
+        settings, options = self._settings(choice), self._options(choice)
 
         def compute() -> str:
             with closing(make_batch(choice.env, 1, settings)) as env:
@@ -172,7 +174,7 @@ class Session:
         """Make the environments and policies of a choice; the old ones go on if that fails."""
         task_card(choice.env)  # raises for an unknown id
         settings = self._settings(choice)
-        check_names(choice.env, settings, _options(choice))
+        check_names(choice.env, settings, self._options(choice))
         mouse = Mouse()
         made: list[PlayedPolicy] = []
         try:
@@ -197,13 +199,17 @@ class Session:
         given = {"arm": choice.arm, "payload": choice.payload}
         return {**self.settings, **{name: value for name, value in given.items() if value is not None}}
 
+    def _options(self, choice: Choice) -> dict[str, Any]:
+        """Options of the reset of a choice."""
+        return dict(self.options) if choice.scenario is None else {**self.options, "scenario": choice.scenario}
+
     def _find(self, name: str, env_id: str) -> NamedPolicy:
         return find_policy(name, env_id, allow_code=self.allow_code)
 
     def _begin(self, choice: Choice) -> dict[str, Any]:
         """Begin the episode of a choice; its description."""
         for played in self._played:
-            played.begin(choice.seed, _options(choice))
+            played.begin(choice.seed, self._options(choice))
         self._choice, self._due = choice, 0.0
         task, card, heaviest = self._played[0].task, self._played[0].card, self._played[0].heaviest
         controls = [{"key": each.key, "title": each.title, "span": each.span} for each in card.controls]
@@ -216,11 +222,6 @@ class Session:
             "period": task.config.control_period,
             "controls": controls,
         }
-
-
-def _options(choice: Choice) -> dict[str, Any]:
-    """Options of the reset."""
-    return {} if choice.scenario is None else {"scenario": choice.scenario}
 
 
 def catalogue() -> list[dict[str, Any]]:

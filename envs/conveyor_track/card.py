@@ -9,6 +9,7 @@ from envs.best_known import best_known
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.conveyor_track.controls import CONTROLS
 from envs.conveyor_track.experts import meet_on_line
+from envs.conveyor_track.levels import LEVELS
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import FollowerExpert, MovingTargetExpert
 from envs.physics.actuation import CONTROL_MODES
@@ -67,5 +68,6 @@ CARD = TaskCard(
         belt=True,
     ),
     controls=CONTROLS,
+    levels=LEVELS,
 )
 """What other packages need to know of ConveyorTrack-v0."""

@@ -128,7 +128,7 @@ class ConveyorTrack(Task):
         self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
         super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
         self._demands = Demands(
-            config.horizon, config.hold_time, config.belt_acceleration, ends(config.payload)[1], arm
+            config.horizon, config.hold_time, config.belt_acceleration, ends(config.payload)[0], arm
         )
 
     def draw(self, generators: Sequence[np.random.Generator], options: ConveyorTrackOptions) -> list[Start]:

@@ -9,6 +9,7 @@ from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.excavator_payload.bound import known_payload_tip_rms
 from envs.excavator_payload.controls import CONTROLS
 from envs.excavator_payload.experts import KALMAN, PayloadExpert
+from envs.excavator_payload.levels import LEVELS
 
 
 def _outcome(info: Info, duration: float) -> str:
@@ -47,5 +48,6 @@ CARD = TaskCard(
         logarithmic=True,
     ),
     controls=CONTROLS,
+    levels=LEVELS,
 )
 """What other packages need to know of ExcavatorPayload-v0."""

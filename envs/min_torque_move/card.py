@@ -11,6 +11,7 @@ from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import JointFieldExpert
 from envs.min_torque_move.controls import CONTROLS
+from envs.min_torque_move.levels import LEVELS
 from planners import dpct, lagrange, quintic
 
 
@@ -58,5 +59,6 @@ CARD = TaskCard(
         rate=True,
     ),
     controls=CONTROLS,
+    levels=LEVELS,
 )
 """What other packages need to know of MinTorqueMove-v0."""

@@ -9,6 +9,7 @@ from envs.experts.planning import PlanningExpert
 from envs.obstacle_dodge.bound import time_to_goal
 from envs.obstacle_dodge.controls import CONTROLS
 from envs.obstacle_dodge.experts import REPLAN_EVERY, DodgingExpert, pass_via_nodes, time_along_line
+from envs.obstacle_dodge.levels import LEVELS
 from planners import trapezoid
 
 
@@ -51,5 +52,6 @@ CARD = TaskCard(
         arrival="time_to_goal",
     ),
     controls=CONTROLS,
+    levels=LEVELS,
 )
 """What other packages need to know of ObstacleDodge-v0."""
