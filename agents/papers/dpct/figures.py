@@ -127,7 +127,7 @@ def _draw_joints(sheet: Sheet, kind: Literal["velocity", "torque"]) -> None:
                 curve = (qd if kind == "velocity" else tau)[:, joint]
                 drawstyle = "default" if kind == "velocity" else "steps-post"
                 axes.plot(clock, curve, **_look(case, reading, style), drawstyle=drawstyle)
-                if kind == "velocity" and reading is LITERAL:
+                if reading is LITERAL:
                     met = path.rendezvous_time
                     axes.plot(met, np.interp(met, clock, curve), marker="o", color=_color(case), markersize=5)
             if kind == "torque" and published.peak_torque:
