@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.payload_estimation import AdaptiveState, PayloadAdaptation, loaded_arms
+from envs.experts.robust import RobustTracking
 from envs.observation import Observation
 from envs.physics.actuation import action_scale
 from envs.task import Task
 from planners import Arm, Infeasible, MotionProblem, Trajectory
-from planners.control import held_torque, within_torque
+from planners.control import Estimate, held_torque, within_torque
 from planners.typing import Array
 
 Actions = NDArray[np.float32]
@@ -27,7 +28,8 @@ HandGoal = Callable[[dict[str, Array]], tuple[Array, Array, Array]]
 class Expert(ABC):
     """A policy whose actions come from a planner or a controller, not from a network.
 
-    It assumes an unloaded arm, unless `adapt` makes it estimate the payload.
+    It assumes an unloaded arm, unless `adapt` makes it estimate the payload. Where the settings declare uncertainty, it
+    acts on an estimate; see `RobustTracking`.
 
     Attributes:
         plans_made: number of motions planned so far.
@@ -37,6 +39,9 @@ class Expert(ABC):
         idle: environments whose actions are not used, ``(num_envs,)``; nothing is planned for them. None if there
             are none.
     """
+
+    tracks: ClassVar[bool] = True
+    """Whether its actions depend on the state of the joints."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
@@ -48,6 +53,8 @@ class Expert(ABC):
         self._memory: Any = None
         self._adaptation: PayloadAdaptation | None = None
         self._payload: Array = np.zeros(0)
+        self._robust = RobustTracking(task) if self.tracks and RobustTracking.wanted(task) else None
+        self._estimate: Estimate | None = None
         if task.action_space().shape != (task.arm.n_joints,):
             raise ValueError(
                 f"experts give one number per joint, and control_mode {task.config.control_mode!r} of {task.env_id} "
@@ -58,11 +65,17 @@ class Expert(ABC):
     def adapt(self) -> Self:
         """Estimate the payload from now on, and plan and act for the loaded arm; see `PayloadAdaptation`.
 
+        It replaces `RobustTracking`.
+
         Raises:
             ValueError: if this environment or control mode does not allow it.
         """
         self._adaptation = PayloadAdaptation(self.task)
-        self._memory = None
+        return self.unfiltered()
+
+    def unfiltered(self) -> Self:
+        """Act on observations as they are from now on, as if the settings declared no uncertainty."""
+        self._robust = self._estimate = self._memory = None
         return self
 
     @property
@@ -101,7 +114,13 @@ class Expert(ABC):
         if episode_start is not None:
             starts |= np.asarray(episode_start, dtype=bool)
         memory = self._memory if state is None else state
-        if self._adaptation is None:
+        if self._robust is not None:
+            self._payload = np.zeros(len(batch))
+            expected, self._estimate, robust, starts = self._robust.update(batch, memory, starts)
+            actions, inner = self._act(expected, robust.expert, starts)
+            clipped = _clipped(actions)
+            self._memory = self._robust.after(robust, self._scale * clipped, inner)
+        elif self._adaptation is None:
             self._payload = np.zeros(len(batch))
             actions, self._memory = self._act(batch, memory, starts)
             clipped = _clipped(actions)
@@ -132,6 +151,8 @@ class Expert(ABC):
             wanted = (qdd - seen["joint_acceleration"]) / config.control_period
         elif config.control_mode == "velocity":
             wanted = seen["joint_velocity"] + config.control_period * qdd
+        elif self._estimate is not None:
+            wanted = self._estimate.held_torque(qdd, config.control_period)
         else:
             q, qd = seen["joint_position"], seen["joint_velocity"]
             wanted = np.empty_like(qdd)

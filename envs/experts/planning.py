@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
 from envs.experts.payload_estimation import AdaptiveState
+from envs.experts.robust import RobustState
 from envs.observation import Observation
 from envs.task import Task
 from planners.control import Gains, tracking_acceleration
@@ -17,6 +18,9 @@ from planners.typing import Array
 
 PAYLOAD_TOLERANCE = 0.01
 """Replan when the payload estimate differs by more from the one planned for, kg."""
+
+REST = 1e-3
+"""Joint velocity up to which a plan ends at rest, rad/s."""
 
 
 class PlanningExpert(Expert):
@@ -54,7 +58,7 @@ class PlanningExpert(Expert):
 
     def planned(self, env_index: int = 0) -> Array | None:
         """Joint angles that are planned from the last observation on, ``(periods, n)``, rad; None without a plan."""
-        memory = self._memory.expert if isinstance(self._memory, AdaptiveState) else self._memory
+        memory = self._memory.expert if isinstance(self._memory, AdaptiveState | RobustState) else self._memory
         if memory is None:
             return None
         plan, left = memory[0][env_index], int(memory[1][env_index]) + 1
@@ -93,6 +97,8 @@ class PlanningExpert(Expert):
             self._gains,
         )
         braking = sample >= plans["last"]
+        if self._robust is not None:  # a plan that ends at rest is held
+            braking &= (plans["last"] == 0) | (np.abs(plans["qd"][rows, now]).max(axis=1) > REST)
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
         return self._action_for(seen, qdd), (plans, left - 1)

@@ -28,6 +28,8 @@ class RandomExpert(Expert):
         seed: of the constants of the hash.
     """
 
+    tracks = False
+
     def __init__(self, task: Task, seed: int = 0) -> None:
         super().__init__(task)
         generator = np.random.default_rng(seed)

@@ -17,6 +17,7 @@ from planners.control.laws import (
     SlotineLi,
 )
 from planners.control.model import ArmModel, PlanarArmModel
+from planners.control.observer import ArmObserver, Estimate, ObserverSettings
 from planners.control.payload_estimation import LeastSquaresSums, PayloadEstimator
 from planners.control.tracking import Gains, held_torque, held_torque_single, tracking_acceleration
 
@@ -24,13 +25,16 @@ __all__ = [
     "AdaptiveComputedTorque",
     "AdaptiveController",
     "ArmModel",
+    "ArmObserver",
     "ComputedTorque",
     "ControlSettings",
     "Controller",
+    "Estimate",
     "Gains",
     "IntegralComputedTorque",
     "IntegralSlotineLi",
     "LeastSquaresSums",
+    "ObserverSettings",
     "PDGravity",
     "PayloadEstimator",
     "PayloadPrior",

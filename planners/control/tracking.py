@@ -84,6 +84,16 @@ def _held_torque(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array
 
 
 @njit(cache=True, nogil=True)
+def held_torque_rows(
+    coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array
+) -> None:
+    """`held_torque` with an arm a row, coupling ``(batch, n, n)`` and weight ``(batch, n)``, written to ``tau``."""
+    for row in range(q.shape[0]):
+        rows = slice(row, row + 1)
+        _held_torque(coupling[row], weight[row], q[rows], qd[rows], qdd[rows], period, tau[rows])
+
+
+@njit(cache=True, nogil=True)
 def _mean_acceleration(
     coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, period: float, mean: Array
 ) -> None:

@@ -1,0 +1,113 @@
+"""Robust tracking of experts: what they observe under declared uncertainty, filtered and ahead of the latency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.observation import Observation
+from envs.task import Task
+from envs.uncertainty.draw import DRAWN, ends
+from planners.control import ArmObserver, Estimate, ObserverSettings
+from planners.typing import Array
+
+_NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
+
+
+@dataclass(frozen=True)
+class RobustState:
+    """The `state` of an expert with robust tracking.
+
+    Attributes:
+        expert: the state of the expert itself.
+        memory: of the observer, a row an environment.
+        due: control periods left at the next observation, ``(num_envs,)``.
+    """
+
+    expert: Any
+    memory: Array
+    due: NDArray[np.int64]
+
+
+class RobustTracking:
+    """A Kalman filter and a prediction over the latency between the observations and an expert.
+
+    The expert observes joints, and what moves besides, as they are estimated for the time at which its action reaches
+    the joints, and the time left from then on, less than a period short. Its accelerations become torques of the
+    estimated arm. The settings say how uncertain each number is (a single number counts as a standard deviation around
+    the nominal arm), the latency, or the middle of its range, and the noise; what was drawn is not known.
+
+    Args:
+        task: the environment's task.
+    """
+
+    def __init__(self, task: Task) -> None:
+        config, far = task.config, {name: max(task.uncertainty.ends[name]) for name in DRAWN}
+        steps = round(config.control_period / config.physics_step)
+        self._task = task
+        self._observer = ArmObserver(
+            task.arm,
+            ObserverSettings(
+                period=config.control_period,
+                steps=steps,
+                late=round(0.5 * sum(ends(config.latency)) / config.physics_step),
+                noise=(far["encoder_noise"], far["velocity_noise"]),
+                masses=max(abs(end) for end in ends(config.mass_error)),
+                alike=not isinstance(config.mass_error, tuple),
+                payload=far["payload"],
+                friction=(far["viscous_friction"], far["coulomb_friction"]),
+            ),
+        )
+
+    @staticmethod
+    def wanted(task: Task) -> bool:
+        """Whether the settings declare an uncertainty that robust tracking knows; a known payload is none."""
+        entries = {entry.name for entry in task.layout.entries}
+        if task.config.control_mode != "torque" or not entries >= _NEEDED:
+            return False
+        uncertainty = task.uncertainty
+        return uncertainty.noisy or any(
+            setting not in (0.0, None)
+            for name, setting in dict(task.config).items()
+            if name in ("mass_error", "viscous_friction", "coulomb_friction", "latency")
+            or (name == "payload" and isinstance(setting, tuple))
+        )
+
+    def update(
+        self, observations: Observation, before: RobustState | None, starts: NDArray[np.bool_]
+    ) -> tuple[Observation, Estimate, RobustState, NDArray[np.bool_]]:
+        """What the expert observes, the estimate, the state after it, and where an episode begins.
+
+        Args:
+            observations: ``(num_envs, size)``.
+            before: the state after the last action, if any.
+            starts: environments in which an episode begins, ``(num_envs,)``; one begins too where an observation does
+                not continue the last episode.
+        """
+        layout, period = self._task.layout, self._task.config.control_period
+        seen = layout.parse(observations)
+        left = np.rint(seen["time_left"][:, 0] / period).astype(np.int64)
+        if before is None or len(before.due) != len(left):
+            before = RobustState(None, np.zeros((len(left), self._observer.width)), left + 1)
+        begins, memory = starts | (before.due != left), before.memory.copy()
+        estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
+        settings = self._observer.settings
+        late = settings.late * period / settings.steps
+        seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
+        seen["joint_acceleration"] = estimate.qdd
+        seen["time_left"] = seen["time_left"] - settings.waiting * period
+        for name in ("part", "obstacle"):
+            if name in seen:
+                seen[name] = seen[name] + late * seen[f"{name}_velocity"]
+        expected = observations.copy()
+        for entry, place in layout.slices():
+            expected[:, place] = np.clip(seen[entry.name] / entry.scale, -entry.bound, entry.bound)
+        return expected, estimate, RobustState(before.expert, memory, left - 1), begins
+
+    def after(self, state: RobustState, tau: Array, expert: Any) -> RobustState:
+        """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
+        self._observer.send(state.memory, tau)
+        return replace(state, expert=expert)

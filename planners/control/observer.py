@@ -1,0 +1,290 @@
+"""An extended Kalman filter of a planar arm: joints, masses, payload and friction, and the state ahead of a latency.
+
+The state vector holds the angles (rad) and velocities (rad/s) of the n joints, the share by which each link is heavier
+than the nominal one, the payload (kg), viscous (N m s/rad) and dry friction (N m) of a joint: ``3 n + 3`` numbers.
+Between two samples the equations of motion move the joints under the torques that reach them; the other numbers stay.
+See D. Simon, "Optimal State Estimation" (2006): section 13.2 for the filter, 6.1 for one measured number after the
+other. What remains of the latency is simulated from the estimate, with the torques that are on their way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.compiled.calls import private
+from planners.control.tracking import held_torque_rows
+from planners.robot.arm import Arm
+from planners.robot.dynamics import forward_dynamics_single
+from planners.typing import Array
+
+LEAST_NOISE = (2e-6, 2e-5)
+"""Standard deviations that are assumed at least, rad and rad/s; without noise the covariance would vanish."""
+
+CREEP = 0.01
+"""Joint velocity below which dry friction is proportional to the velocity, rad/s."""
+
+_SURE = 5.0
+"""Standard deviations of the noise up to which a first measured velocity counts as rest."""
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """What is known of arm, sensors and latency before the first sample.
+
+    Attributes:
+        period: between two samples, s.
+        steps: steps of the simulation in a period.
+        late: steps by which a command comes late.
+        noise: standard deviations of measured angles (rad) and velocities (rad/s).
+        masses: standard deviation of the share by which links are heavier than the nominal ones.
+        alike: whether that share is the same for all links.
+        payload: standard deviation of the payload, kg.
+        friction: standard deviations of viscous (N m s/rad) and dry friction (N m).
+        unmodelled: standard deviation of what the model leaves out of a period's mean acceleration, rad/s^2.
+    """
+
+    period: float
+    steps: int
+    late: int = 0
+    noise: tuple[float, float] = (0.0, 0.0)
+    masses: float = 0.0
+    alike: bool = False
+    payload: float = 0.0
+    friction: tuple[float, float] = (0.0, 0.0)
+    unmodelled: float = 0.02
+
+    @property
+    def waiting(self) -> int:
+        """Periods over which commands can be on their way."""
+        return -(-self.late // self.steps)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is estimated for the time at which the next command arrives.
+
+    Attributes:
+        q, qd, qdd: angles, velocities and accelerations of the joints, ``(batch, n)``.
+        coupling: coupling matrices of the arms, ``(batch, n, n)``, kg m^2.
+        weight: weights of the arms, ``(batch, n)``, N m.
+        friction: viscous (N m s/rad) and dry friction (N m), ``(batch, 2)``.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    coupling: Array
+    weight: Array
+    friction: Array
+
+    def held_torque(self, qdd: Array, period: float) -> Array:
+        """Torques ``(batch, n)``, N m, that held for a period (s) give mean accelerations ``qdd`` ``(batch, n)``."""
+        tau: Array = np.empty_like(qdd)
+        held_torque_rows(self.coupling, self.weight, self.q, self.qd, qdd, period, tau)
+        middle = self.qd + 0.5 * period * qdd
+        return tau + self.friction[:, :1] * middle + self.friction[:, 1:] * np.clip(middle / CREEP, -1.0, 1.0)
+
+
+class ArmObserver:
+    """The filter of a batch of arms; all that it remembers lies in the rows of ``memory``.
+
+    Args:
+        arm: the nominal arm, without payload.
+        settings: what is known beforehand.
+    """
+
+    def __init__(self, arm: Arm, settings: ObserverSettings) -> None:
+        n, period = arm.n_joints, settings.period
+        self.n_joints, self.settings = n, settings
+        nominal = arm.chain_constants
+        chains = [nominal]
+        for i in range(n):  # the equations are linear in the masses: what each link adds
+            double = 1.0 + np.eye(n)[i]
+            doubled = replace(
+                arm,
+                masses=tuple((double * np.array(arm.masses)).tolist()),
+                inertias=tuple((double * np.array(arm.inertias)).tolist()),
+            ).chain_constants
+            chains.append((doubled[0] - nominal[0], doubled[1] - nominal[1]))
+        lengths = arm.length_array
+        chains.append((np.outer(lengths, lengths), arm.gravity * lengths))
+        self._coupling = np.ascontiguousarray([coupling for coupling, _ in chains])
+        self._weight = np.ascontiguousarray([weight for _, weight in chains])
+        self._size = 3 * n + 3
+        prior = np.zeros((self._size, self._size))
+        prior[2 * n : 3 * n, 2 * n : 3 * n] = settings.masses**2 * (np.ones((n, n)) if settings.alike else np.eye(n))
+        prior[3 * n, 3 * n] = settings.payload**2
+        prior[3 * n + 1, 3 * n + 1], prior[3 * n + 2, 3 * n + 2] = np.square(settings.friction)
+        noise = np.maximum(settings.noise, LEAST_NOISE)
+        # Friction takes at most half of what would stop a joint in a step: else the simulation would not be stable.
+        mobility = 1.0 / np.array(arm.inertias)
+        mobility[1:] += mobility[:-1].copy()
+        most = 0.5 / (mobility * period / settings.steps)
+        self._known = prior, noise, most
+        self._times = np.array([period, period / settings.steps, settings.unmodelled])
+        self._steps = np.array([settings.steps, settings.late])
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row of the memory: state vector, covariance, and commands on their way."""
+        return self._size * (self._size + 1) + (self.settings.waiting + 1) * self.n_joints
+
+    def update(self, memory: Array, starts: NDArray[np.bool_], q: Array, qd: Array) -> Estimate:
+        """Follow a period and correct by the samples ``q, qd`` ``(batch, n)``; renews ``memory`` ``(batch, width)``.
+
+        In the rows of ``starts`` ``(batch,)`` an episode begins.
+        """
+        rows, n = q.shape
+        out, coupling, weight = np.empty((3, rows, n)), np.empty((rows, n, n)), np.empty((rows, n))
+        chain = self._coupling, self._weight
+        _update(chain, self._known, self._times, self._steps, memory, starts, q, qd, out, coupling, weight)
+        return Estimate(out[0], out[1], out[2], coupling, weight, memory[:, 3 * n + 1 : 3 * n + 3].copy())
+
+    def send(self, memory: Array, tau: Array) -> None:
+        """Note in ``memory`` the torques ``(batch, n)`` of a new command, N m."""
+        n, first = self.n_joints, self._size * (self._size + 1)
+        memory[:, first + n :] = memory[:, first:-n].copy()
+        memory[:, first : first + n] = tau
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _update(
+    chain: Any,
+    known: Any,
+    times: Array,
+    steps: Any,
+    memory: Array,
+    starts: Any,
+    q: Array,
+    qd: Array,
+    out: Array,
+    coupling: Array,
+    weight: Array,
+) -> None:
+    """All rows of `ArmObserver.update`; ``out`` ``(3, rows, n)`` are angles, velocities and accelerations ahead."""
+    n = q.shape[1]
+    size = 3 * n + 3
+    prior, noise, most = known
+    for row in range(q.shape[0]):
+        own = memory[row]
+        x, cov = own[:size], own[size : size * (size + 1)].reshape(size, size)
+        commands = own[size * (size + 1) :].reshape(-1, n)
+        qdd = out[2, row]
+        if starts[row]:
+            x[:], cov[:, :], commands[:, :] = 0.0, prior, 0.0
+            for i in range(n):
+                x[i], cov[i, i] = q[row, i], noise[0] ** 2
+                moving = abs(qd[row, i]) > _SURE * noise[1]
+                x[n + i] = qd[row, i] if moving else 0.0
+                cov[n + i, n + i] = noise[1] ** 2 if moving else LEAST_NOISE[1] ** 2
+        else:
+            _predict(chain, most, times, steps, commands, x, cov, qdd)
+            _correct(noise, q[row], qd[row], x, cov)
+        ahead = x.copy()
+        qdd[:] = 0.0
+        _move(chain, most, times, steps, commands, 0, steps[1], ahead, qdd)
+        out[0, row], out[1, row] = ahead[:n], ahead[n : 2 * n]
+        _loaded(chain, x, coupling[row], weight[row])
+
+
+@private
+def _loaded(chain: Any, x: Array, coupling: Array, weight: Array) -> None:
+    """Coupling matrix and weight of the arm with the masses of ``x``."""
+    n = weight.shape[0]
+    coupling[:, :], weight[:] = chain[0][0], chain[1][0]
+    for k in range(n + 1):
+        share = x[2 * n + k]
+        for i in range(n):
+            weight[i] += share * chain[1][k + 1, i]
+            for j in range(n):
+                coupling[i, j] += share * chain[0][k + 1, i, j]
+
+
+@private
+def _move(
+    chain: Any,
+    most: Array,
+    times: Array,
+    steps: Any,
+    commands: Array,
+    first: int,
+    last: int,
+    x: Array,
+    qdd: Array,
+) -> None:
+    """Move the joints of ``x`` on from step ``first`` to ``last``, counted from now, as semi-implicit Euler does.
+
+    ``commands[k]`` was sent ``k + 1`` periods ago.
+    """
+    n = qdd.shape[0]
+    coupling, weight, tau = np.empty((n, n)), np.empty(n), np.empty(n)
+    _loaded(chain, x, coupling, weight)
+    angles, rates = x[:n], x[n : 2 * n]
+    viscous, dry = x[3 * n + 1], x[3 * n + 2]
+    for step in range(first, last):
+        sent = commands[(steps[1] - step + steps[0] - 1) // steps[0] - 1]
+        for i in range(n):
+            speed = rates[i]
+            friction = viscous * speed + dry * min(1.0, max(-1.0, speed / CREEP))
+            bound = most[i] * abs(speed)
+            tau[i] = sent[i] - min(bound, max(-bound, friction))
+        forward_dynamics_single(coupling, weight, angles, rates, tau, qdd)
+        for i in range(n):
+            before = rates[i]
+            rates[i] += times[1] * qdd[i]
+            angles[i] += 0.5 * times[1] * (before + rates[i])
+
+
+@private
+def _predict(
+    chain: Any, most: Array, times: Array, steps: Any, commands: Array, x: Array, cov: Array, qdd: Array
+) -> None:
+    """Move state and covariance on by the last period; the derivatives are differences."""
+    n, size = qdd.shape[0], x.shape[0]
+    begin, f = x.copy(), np.eye(size)
+    _move(chain, most, times, steps, commands, -steps[0], 0, x, qdd)
+    for k in range(size):
+        if cov[k, k] > 0.0:
+            other = begin.copy()
+            other[k] += 1e-6
+            _move(chain, most, times, steps, commands, -steps[0], 0, other, qdd)
+            for i in range(2 * n):
+                f[i, k] = (other[i] - x[i]) / 1e-6
+    half = np.zeros((size, size))
+    for k in range(size):
+        for j in range(size):
+            if f[k, j] != 0.0:
+                for m in range(size):
+                    half[k, m] += f[k, j] * cov[j, m]
+    cov[:, :] = 0.0
+    for k in range(size):
+        for j in range(size):
+            if f[k, j] != 0.0:
+                for m in range(size):
+                    cov[m, k] += half[m, j] * f[k, j]
+    for i in range(n):
+        cov[i, i] += (0.5 * times[2] * times[0] ** 2) ** 2
+        cov[n + i, n + i] += (times[2] * times[0]) ** 2
+
+
+@private
+def _correct(noise: Array, q: Array, qd: Array, x: Array, cov: Array) -> None:
+    """Correct by the measured numbers, one after the other."""
+    n, size = q.shape[0], x.shape[0]
+    gain, row = np.empty(size), np.empty(size)
+    for j in range(2 * n):
+        innovation = (q[j] if j < n else qd[j - n]) - x[j]
+        spread = cov[j, j] + noise[j // n] ** 2
+        for k in range(size):
+            gain[k], row[k] = cov[k, j] / spread, cov[j, k]
+        for k in range(size):
+            x[k] += gain[k] * innovation
+            for m in range(size):
+                cov[k, m] -= gain[k] * row[m]
+    for k in range(2 * n, size):
+        x[k] = max(-0.9 if k < 3 * n else 0.0, x[k])

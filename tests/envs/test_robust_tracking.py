@@ -1,0 +1,90 @@
+"""Experts under declared uncertainty: what the filter and the prediction of robust tracking are worth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs
+
+MOVE = "MinTorqueMove-v0"
+EPISODES = 6
+
+
+def share(env_id: str, name: str, *, filtered: bool = True, **settings: Any) -> float:
+    """Share of the first episodes in which an expert succeeds."""
+    vector = gym.make_vec(env_id, num_envs=EPISODES, **settings)
+    expert = envs.make_expert(name, vector)
+    if not filtered:
+        expert.unfiltered()
+    observation, _ = vector.reset(seed=0)
+    done, success = np.zeros(EPISODES, dtype=bool), np.zeros(EPISODES, dtype=bool)
+    state: Any = None
+    while not done.all():
+        action, state = expert.predict(observation, state)
+        observation, _, terminated, truncated, info = vector.step(action)
+        ended = (terminated | truncated) & ~done
+        success[ended] = info["is_success"][ended]
+        done |= ended
+    vector.close()
+    return float(success.mean())
+
+
+@pytest.mark.parametrize("settings", [
+    {"latency": 0.02},
+    {"latency": 0.012},  # two control periods and two steps of the physics
+    {"encoder_noise": 1e-3},
+    {"viscous_friction": 0.1, "coulomb_friction": 0.1},
+], ids=lambda settings: next(iter(settings)))  # fmt: skip
+def test_moves_succeed_under_uncertainty(settings: dict[str, Any]) -> None:
+    assert share(MOVE, "apf", **settings) >= 5 / 6
+    assert share(MOVE, "apf", filtered=False, **settings) <= 0.5
+
+
+@pytest.mark.parametrize("name", ["dpct", "lagrange"])
+def test_plans_are_tracked_with_lighter_links(name: str) -> None:
+    assert share(MOVE, name, mass_error=-0.1) >= share(MOVE, name, filtered=False, mass_error=-0.1) + 0.3
+
+
+def test_masses_and_friction_are_estimated() -> None:
+    env: Any = gym.make(MOVE, mass_error=(-0.1, 0.1), viscous_friction=0.1)
+    expert = envs.make_expert("apf", env)
+    observation, _ = env.reset(seed=1)
+    state: Any = None
+    for _ in range(60):
+        action, state = expert.predict(observation, state)
+        observation, *_ = env.step(action)
+    truth, estimated = env.unwrapped.task.batch[0], state.memory[0]
+    np.testing.assert_allclose(1.0 + estimated[6:9], truth["mass_scale"], atol=0.03)
+    assert estimated[10] == pytest.approx(truth["viscous_friction"], abs=0.02)
+
+
+def test_actions_are_the_same_in_a_batch_and_alone() -> None:
+    settings: dict[str, Any] = {"mass_error": (-0.1, 0.1), "latency": 0.005, "encoder_noise": 1e-3}
+    vector = gym.make_vec(MOVE, num_envs=3, **settings)
+    expert = envs.make_expert("apf", vector)
+    observations, _ = vector.reset(seed=[4, 5, 6])
+    single: Any = gym.make(MOVE, **settings)
+    alone = envs.make_expert("apf", single)
+    observation, _ = single.reset(seed=5)
+    state: Any = None
+    for _ in range(30):
+        actions, _ = expert.predict(observations)
+        action, state = alone.predict(observation, state)
+        np.testing.assert_array_equal(actions[1], action)
+        observations, *_ = vector.step(actions)
+        observation, *_ = single.step(action)
+
+
+def test_settings_without_uncertainty_leave_observations_as_they_are() -> None:
+    plain: Any = gym.make(MOVE)
+    expert, other = (envs.make_expert("apf", plain) for _ in range(2))
+    observation, _ = plain.reset(seed=0)
+    for _ in range(20):
+        action, state = expert.predict(observation)
+        assert state == ()
+        np.testing.assert_array_equal(action, other.unfiltered().predict(observation)[0])
+        observation, *_ = plain.step(action)
