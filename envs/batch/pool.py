@@ -43,8 +43,9 @@ ENVS_PER_THREAD = 16
 BEGIN_THREADS = 64
 """With fewer environments no threads are begun: to compile them takes longer than they save."""
 
-ENVS_PER_SLICE, SLICES_PER_THREAD = 4, 4
-"""Least environments that a thread takes at once, and the slices for each thread if there are enough of them."""
+ENVS_PER_SLICE, SLICES_PER_THREAD = 8, 4
+"""Least environments that a thread takes at once, and the slices for each thread if there are enough of them. Slices
+are multiples of 8, the environments that closed-form physics advances at once (`envs.physics.packs`)."""
 
 _BUSY, _LEFT, _SLICES, _SLICE, _DONE, _WAITING, _FINISHED, _ERROR, _JOB = range(9)
 _HELPERS = _JOB + JOB_SIZE
@@ -142,16 +143,16 @@ def _work_on(words: Any, job: int, first: int, last: int) -> int:
 @private
 def _work_on_range(words: Any, job: int, first: int, last: int) -> int:
     """The same, but for environments that rest; the words of the job begin at ``job``."""
-    address, index = words[job + RESTING], first
+    address, index, error = words[job + RESTING], first, 0
     resting = reals_at(address)
-    while index < last:
-        end = last if address == 0 else index + 1
-        if address == 0 or resting[index] == 0.0:
+    while index < last and error == 0:
+        end = last if address == 0 else index
+        while end < last and resting[end] == 0.0:
+            end += 1
+        if end > index:  # none of these rests; the next one does
             error = _work_on(words, job, index, end)
-            if error != 0:
-                return error
-        index = end
-    return 0
+        index = end + 1
+    return error
 
 
 @njit(cache=True, nogil=True)
@@ -261,7 +262,8 @@ class Pool:
         if threads < 2:
             work(job, 0, count)
         else:
-            size = max(min(ENVS_PER_SLICE, envs_per_thread), -(-count // (SLICES_PER_THREAD * threads)))
+            least, size = min(ENVS_PER_SLICE, envs_per_thread), -(-count // (SLICES_PER_THREAD * threads))
+            size = max(least, size + -size % least)
             _work_together(self._words, job, threads - 1, size)
 
 

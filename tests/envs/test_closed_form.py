@@ -48,6 +48,23 @@ def test_environments_equal_single_ones_through_their_resets(env_id: str) -> Non
             assert (reward, terminated, truncated) == (row[1][index], row[2][index], row[3][index])
 
 
+def test_environments_that_wait_for_the_next_step_do_not_matter_to_others() -> None:
+    batch, singles = made(num_envs=19), [made() for _ in range(19)]
+    batch.reset(seed=4)
+    for index, alone in enumerate(singles):
+        alone.reset(seed=4 + index)
+    over, waited = np.zeros(19, dtype=bool), 0
+    for k in range(170):
+        action = action_of(batch, k)
+        seen, _, terminated, truncated, _ = batch.step(action)
+        for index, alone in enumerate(singles):
+            observation = alone.reset()[0] if over[index] else alone.step(action[index])[0]
+            np.testing.assert_array_equal(observation, seen[index])
+        waited += over.sum()
+        over = terminated | truncated
+    assert waited > 3
+
+
 @every_task
 @pytest.mark.parametrize("num_envs", [0, 3])
 def test_states_and_pickles_continue_to_the_bit(env_id: str, num_envs: int) -> None:
