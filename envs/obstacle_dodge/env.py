@@ -14,6 +14,7 @@ from envs.arms import arm_of, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.observation import Entry, Layout, Observation
 from envs.obstacle_dodge import kernels
+from envs.obstacle_dodge.closed_form import MOVE_AMONG_DISCS
 from envs.obstacle_dodge.scale import scale_of_task
 from envs.obstacle_dodge.starts import DodgeStarts, Episode, ObstacleDodgeOptions, paper_scenario
 from envs.task import LimitSettings, Task, whole_periods
@@ -154,7 +155,9 @@ class ObstacleDodge(Task):
             "path_samples": samples,
         }
         fields = kernels.env_fields(config.num_obstacles)
-        super().__init__(config, arm, num_envs, fields, constants, table_shape=(samples, config.num_obstacles, 2))
+        shape = samples, config.num_obstacles, 2
+        own = {"physics_kernel": MOVE_AMONG_DISCS if config.physics == "closed_form" else None}
+        super().__init__(config, arm, num_envs, fields, constants, table_shape=shape, kernels=own)
         acceleration = 0.5 * arm.limits.array("acceleration")
         self._planning_limits = replace(arm.limits, acceleration=tuple(acceleration.tolist()))
         self._starts = DodgeStarts(arm, self._planning_limits, samples, config.num_obstacles, self.scale)

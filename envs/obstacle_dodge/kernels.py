@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.physics.actuation import command, finish_period, move_arms
+from envs.physics.actuation import command, finish_period
 from envs.physics.episode import (
     ADVANCE,
     BEGIN,
@@ -20,6 +20,7 @@ from envs.physics.episode import (
     sum_reward,
     table_of,
 )
+from envs.physics.rigid_bodies import arriving, read_joint_state, step_physics
 from envs.uncertainty.kernels import add_camera_noise, add_joint_noise
 from planners.compiled.calls import Kernel, call, copy_array, inlined, private
 from planners.robot.clearance import clearance_single
@@ -30,6 +31,7 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
     """Fields of an environment's record. Its table holds the path of each disc, ``(samples, discs, 2)``."""
     return [
         ("goal", "f8", (2,)),
+        ("postures", "f8", (2, 2)),
         ("hand", "f8", (2,)),
         ("hand_velocity", "f8", (2,)),
         ("radii", "f8", (discs,)),
@@ -54,16 +56,19 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
         if work == ADVANCE:
             for index in range(start, end):
                 _command(batch[index], shared)
-            for substep in range(shared.substeps):
-                move_arms(batch, model, start, end, 1)
+            if shared.closed_form:
+                call(shared.physics_kernel, batch, model, start, end, shared.substeps)
+            else:
                 for index in range(start, end):
-                    _move_among_discs(batch[index], shared, substep)
+                    _move_among_discs(batch[index], shared)
         for index in range(start, end):
             env = batch[index]
             if work == ADVANCE:
                 _finish(env, shared)
             elif work == BEGIN:
                 _begin(env, shared)
+            else:
+                _find_postures(env, shared)
             if shared.measure_kernel == 0:
                 _observe(env, shared)
             else:
@@ -79,6 +84,7 @@ def _begin(env: Any, shared: Any) -> None:
     begin_episode(env, shared)
     env.held_steps = 0
     env.collision = False
+    _find_postures(env, shared)
     move_discs(env, shared, 0.0)
     copy_array(env.disc_velocities_before, env.disc_velocities)
     env.clearance = env.min_clearance = measure_clearance(env, shared)
@@ -92,15 +98,21 @@ def _command(env: Any, shared: Any) -> None:
     """Turn the ``action`` into the torques of the next period."""
     command(env, shared, env.action)
     copy_array(env.disc_velocities_before, env.disc_velocities)
-    env.closest = np.inf
 
 
 @inlined
-def _move_among_discs(env: Any, shared: Any, substep: int) -> None:
-    """Move the discs on and measure the clearance after a physics step of the arm."""
-    move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
-    env.clearance = measure_clearance(env, shared)
-    env.closest = min(env.closest, env.clearance)
+def _move_among_discs(env: Any, shared: Any) -> None:
+    """The physics of one period with Pymunk, and the least clearance after any of its steps.
+
+    `envs.obstacle_dodge.closed_form` does the same in closed form.
+    """
+    env.closest = np.inf
+    for substep in range(shared.substeps):
+        step_physics(env, shared, arriving(env, shared, env.tau))
+        read_joint_state(env, shared)
+        move_discs(env, shared, env.step * shared.control_period + (substep + 1) * shared.physics_step)
+        env.clearance = measure_clearance(env, shared)
+        env.closest = min(env.closest, env.clearance)
 
 
 @inlined
@@ -126,9 +138,7 @@ def _finish(env: Any, shared: Any) -> None:
 def move_discs(env: Any, shared: Any, t: float) -> None:
     """Move the discs of an environment along their paths to time ``t``, s; velocities are backward differences."""
     path, path_step = table_of(env, (shared.path_samples, env.radii.shape[0], 2)), shared.path_step
-    place = t / path_step + 1e-9  # a time that is a sample must not fall before it by rounding
-    left = max(0, min(int(place), path.shape[0] - 2))
-    share = min(1.0, max(0.0, place - left))
+    left, share = sample_at(shared, t)
     for disc in range(env.radii.shape[0]):
         for axis in range(2):
             before, after = path[left, disc, axis], path[left + 1, disc, axis]
@@ -136,6 +146,14 @@ def move_discs(env: Any, shared: Any, t: float) -> None:
             if share < 1e-6 and left > 0:
                 before, after = path[left - 1, disc, axis], before
             env.disc_velocities[disc, axis] = (after - before) / path_step
+
+
+@inlined
+def sample_at(shared: Any, t: float) -> tuple[int, float]:
+    """The sample of the discs' paths before time ``t``, s, and the share of the way to the next one."""
+    place = t / shared.path_step + 1e-9  # a time that is a sample must not fall before it by rounding
+    left = max(0, min(int(place), shared.path_samples - 2))
+    return left, min(1.0, max(0.0, place - left))
 
 
 @private
@@ -182,21 +200,23 @@ def _observe(env: Any, shared: Any) -> None:
         for axis in range(2):
             seen.obstacle[disc, axis] = env.discs[disc, axis] - shared.base[axis]
         _observe_from_links(env, shared, disc)
-    _observe_postures(env, shared)
+    for branch in range(2):
+        for joint in range(2):
+            seen.posture_error[branch, joint] = env.postures[branch, joint] - env.q[joint]
     seen.clearance = env.clearance
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     seen.held = min(1.0, env.held_steps / shared.hold_steps)
     finish_observation(env, shared)
 
 
-@inlined
-def _observe_postures(env: Any, shared: Any) -> None:
-    """Write the joint errors to both postures with the hand at the goal."""
+@private
+def _find_postures(env: Any, shared: Any) -> None:
+    """Write both postures with the hand at the goal, near the middle of the joint ranges, rad."""
     x, y = env.goal[0] - shared.base[0], env.goal[1] - shared.base[1]
     for branch in range(2):
         q1, q2 = two_link_branch(shared.lengths[0], shared.lengths[1], x, y, 1.0 - 2.0 * branch)
-        env.seen.posture_error[branch, 0] = turned_towards(q1, shared.angle_middle[0]) - env.q[0]
-        env.seen.posture_error[branch, 1] = turned_towards(q2, shared.angle_middle[1]) - env.q[1]
+        env.postures[branch, 0] = turned_towards(q1, shared.angle_middle[0])
+        env.postures[branch, 1] = turned_towards(q2, shared.angle_middle[1])
 
 
 @inlined
@@ -237,6 +257,7 @@ def _observe_measured(copies: Any, model: Any) -> None:
         before = max(0, env.step - 1)
         add_camera_noise(env, before, 2 * disc + 1, points, env.disc_velocities_before[disc], rate)
     add_camera_noise(env, env.step, 2 * discs, points, env.goal, noise)
+    _find_postures(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
     env.clearance = measure_clearance(env, shared)
     _observe(env, shared)

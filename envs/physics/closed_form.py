@@ -159,15 +159,21 @@ def write_joints(batch: Any, first: int, last: int, phi: Any, w: Any) -> None:
             inner_angle, inner_speed = angle, speed
 
 
+@inlined
+def read_chain(shared: Any, inertia: Any, along: Any, none: Any) -> None:
+    """Read inertias and static moments of the arm that all have; ``none`` is 0 for all links."""
+    for i in range(shared.lengths.shape[0]):
+        none[i] = spread(0.0)
+        inertia[i] = spread(shared.chain_inertias[i])
+        along[i] = spread(shared.chain_moments[i])
+
+
 def _move_arms(batch: Any, model: Any, first: int, last: int, steps: int) -> None:
     """Advance environments ``first`` to ``last - 1``, at most `WIDTH`, by so many steps under ``env.tau``."""
     shared = model[0]
     inertia, along, none, tau, phi, w = vector(), vector(), vector(), vector(), vector(), vector()
     read_links(batch, first, last, phi, w, tau)
-    for i in range(shared.lengths.shape[0]):
-        none[i] = spread(0.0)
-        inertia[i] = spread(shared.chain_inertias[i])
-        along[i] = spread(shared.chain_moments[i])
+    read_chain(shared, inertia, along, none)
     integrate(shared, steps, (inertia, along, none), (tau, none), none, phi, w)
     write_joints(batch, first, last, phi, w)
 

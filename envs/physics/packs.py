@@ -73,11 +73,11 @@ for _operation, _instruction in (("add", "fadd"), ("sub", "fsub"), ("mul", "fmul
     _define(getattr(operator, _operation), _instruction)
 
 
-def _function(name: str) -> Any:
-    """LLVM's function of a number, for each of a pack."""
+def _function(name: str, count: int = 1) -> Any:
+    """LLVM's function of a number, or of two, for each of a pack."""
 
     def build(context: Any, builder: Any, of: Any, values: Any) -> Any:
-        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        kind = ir.FunctionType(_VECTOR, [_VECTOR] * count)
         one = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64")  # type: ignore[no-untyped-call]
         return builder.call(one, values)
 
@@ -85,7 +85,11 @@ def _function(name: str) -> Any:
     def function(typing_context: Any, pack: Any) -> Any:
         return PACK(PACK), build
 
-    return function
+    @intrinsic
+    def function_of_two(typing_context: Any, pack: Any, other: Any) -> Any:
+        return PACK(PACK, PACK), build
+
+    return function if count == 1 else function_of_two
 
 
 def memory(count: int) -> Callable[[], Any]:
@@ -118,6 +122,12 @@ def _spread(typing_context: Any, number: Any) -> Any:
 
 
 _floor, _abs = _function("floor"), _function("fabs")
+square_root = _function("sqrt")
+"""The square root of each number of a pack."""
+
+least, most = _function("minnum", 2), _function("maxnum", 2)
+"""The smaller and the larger of the numbers of two packs."""
+
 spread: Any = intrinsic(_spread)
 """The pack with a number in every place."""
 

@@ -251,7 +251,7 @@ def test_a_step_of_the_batch_costs_little_more_than_its_physics(
 CLOSED_FORM = [
     ("ConveyorTrack-v0", 8.0),
     ("MinTorqueMove-v0", 8.0),
-    ("ObstacleDodge-v0", 4.0),
+    ("ObstacleDodge-v0", 8.0),
     ("ExcavatorPayload-v0", 6.0),
 ]
 

@@ -15,6 +15,7 @@ from envs.min_torque_move.env import MinTorqueMove
 from envs.physics.closed_form import closed_form_constants
 from planners import Arm
 from planners.robot.arm import JointLimits
+from planners.robot.clearance import clearance
 
 every_task = pytest.mark.parametrize("env_id", envs.env_ids())
 
@@ -92,6 +93,28 @@ def test_it_stays_near_pymunk_but_is_not_it(env_id: str) -> None:
     for k in range(10):
         one, two = exact.step(action_of(exact, k))[0], pymunk.step(action_of(exact, k))[0]
     assert 0.0 < np.abs(one - two).max() < 0.05
+
+
+@pytest.mark.parametrize("num_obstacles", [1, 3])
+def test_the_clearance_is_that_of_the_arm_and_the_discs(num_obstacles: int) -> None:
+    env = made("ObstacleDodge-v0", 5, num_obstacles=num_obstacles)
+    env.reset(seed=6)
+    task, nearest = env.unwrapped.task, np.full(5, np.inf)
+    lengths, radius = np.array(task.arm.lengths), task.arm.link_radius
+    for k in range(15):
+        _, _, terminated, _, _ = env.step(action_of(env, k))
+        assert not terminated.any()
+        gaps = [
+            clearance(lengths, task.arm.base_array, radius, record["q"][None], disc[None], size)[0]
+            for record in task.batch
+            for disc, size in zip(record["discs"], record["radii"], strict=True)
+        ]
+        wanted = np.min(np.reshape(gaps, (5, num_obstacles)), axis=1)
+        np.testing.assert_allclose(task.batch["clearance"], wanted, rtol=0.0, atol=1e-12)
+        assert (task.batch["closest"] <= wanted + 1e-12).all()
+        nearest = np.minimum(nearest, wanted)
+    assert (task.batch["min_clearance"] <= nearest + 1e-12).all()
+    assert (task.batch["min_clearance"] > nearest - 0.01).all()
 
 
 class OnlyPymunk(MinTorqueMove):
