@@ -50,11 +50,13 @@ class Bound:
         meaning: what the value is, for captions.
         optimum: the best known value for a seed, from a vector environment, the index of the environment in it that
             is at the start of that seed's episode, and the seed; `planners.Infeasible` where none is known.
+        lower: with the same arguments, a certified lower bound: no motion is better. NaN where none is known.
     """
 
     metric: str
     meaning: str
     optimum: Callable[[Any, int, int], float]
+    lower: Callable[[Any, int, int], float] | None = None
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,7 @@ class Benchmark:
                 add_settings(result, each)
             if self._bounded(task):
                 begin(f"{task.title}: bound")
-                result.bounds = np.concatenate(self._results(self._bounds_of(task), progress))
+                result.bounds, result.lower = np.concatenate(self._results(self._bounds_of(task), progress)).T
             finished(result)
         self.board.complete = True
 
@@ -251,14 +251,19 @@ class Benchmark:
         )
 
     def _best_known(self, task: BenchmarkTask, bound: Bound, seeds: list[int], progress: Progress) -> Array:
-        """The best known value of the bounded metric for each seed's start, ``(episodes,)``; inf if none is known."""
+        """Best known value and lower bound of the metric for each seed's start, ``(episodes, 2)``.
+
+        inf where no value is known, NaN where no lower bound is.
+        """
         with closing(make_batch(task.env, len(seeds), task.env_config)) as env:
             batch: Any = env.unwrapped
             batch.reset(seed=seeds, options=dict(task.options))
-            values = np.full(len(seeds), np.inf)
+            values = np.tile([np.inf, np.nan], (len(seeds), 1))
             for env_index, seed in enumerate(seeds):
+                if bound.lower is not None:
+                    values[env_index, 1] = bound.lower(batch, env_index, seed)
                 with suppress(Infeasible):
-                    values[env_index] = bound.optimum(batch, env_index, seed)
+                    values[env_index, 0] = bound.optimum(batch, env_index, seed)
                 progress(1)
         return values
 

@@ -24,6 +24,7 @@ class TaskResult:
     """What is finished of one task.
 
     ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
+    ``lower`` are its certified lower bounds, NaN where none is known;
     ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's;
     ``assumptions`` say what is taken for granted about a policy; ``compared`` names the policies whose episodes are
     compared with those of all others; ``replays`` are recorded episodes (`agents.evaluation.replays`).
@@ -33,6 +34,7 @@ class TaskResult:
     seeds: NDArray[np.int64]
     evaluations: list[Evaluation] = field(default_factory=list)
     bounds: Array | None = None
+    lower: Array | None = None
     action_configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     assumptions: list[str] = field(default_factory=list)
     compared: tuple[str, ...] = ()
@@ -57,6 +59,11 @@ class TaskResult:
         bound = self.card.bound
         return None if bound is None or self.bounds is None else (bound, self.bounds)
 
+    @property
+    def certified(self) -> Array | None:
+        """The lower bounds, if one is known of every bounded episode."""
+        return None if self.lower is None or np.isnan(self.lower).any() else self.lower
+
     def summarise(self, evaluation: Evaluation) -> dict[str, Estimate]:
         """`summarise`, and the median of how much worse than the bound each episode is, where the bound is known."""
         estimates = summarise(evaluation)
@@ -80,6 +87,8 @@ def leaderboard(result: TaskResult) -> Table:
         bound, values = bounded
         reachable = share_text(statistics.rate(np.isfinite(values)))
         references.append(("bound", reachable, bound.metric, statistics.median(values).value))
+        if result.certified is not None:
+            references.append(("lower bound", "", bound.metric, statistics.median(result.certified).value))
     if result.task.published is not None:
         references.append(("paper", "", "settling_time", result.task.published.settling_time))
     for name, success, key, value in references:
@@ -123,6 +132,8 @@ def _caption(result: TaskResult) -> Iterator[str]:
         bound, values = result.bounded
         which = "" if len(values) == len(result.seeds) else f" (the first {len(values)})"
         yield f"Bound: {bound.meaning}, from the same starts{which}; over bound: the difference."
+        if result.certified is not None:
+            yield "Lower bound: proven, no motion is better; its median."
     timing = sum((evaluation.timing for evaluation in result.evaluations), Timing())
     yield f"Step: of the policy, without planning; the environment takes {timing.env_us:.1f} us."
     for policy, settings in result.action_configs.items():
@@ -144,6 +155,7 @@ def as_document(result: TaskResult) -> dict[str, Any]:
         "options": task.options,
         "policies": [_evaluation_document(result, evaluation) for evaluation in result.evaluations],
         "bound": bounded and {"seeds": result.seeds[: len(bounded[1])], bounded[0].metric: bounded[1]},
+        "lower_bound": bounded and {"seeds": result.seeds[: len(bounded[1])], bounded[0].metric: result.lower},
         "published": task.published and task.published.model_dump(),
         "metrics": [vars(metric) for metric in result.card.metrics],
         "bound_meaning": bounded and bounded[0].meaning,

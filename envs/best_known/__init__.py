@@ -1,7 +1,7 @@
 """Best known motions: for each stored start of a task the best value that any motion has scored in the environment.
 
 ``python -m tools.best_known`` finds them and writes a file per task here. A file holds the actions too, so that every
-value can be played back.
+value can be played back, and lower bounds: values that no motion can be better than.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ PAPER = -1
 """Key of the paper's own start, in place of a seed."""
 
 _CLOSE = 1e-5
-"""Largest difference between the observations of equal starts, in units of their scales."""
+"""Largest difference between equal starts, in units of the scales of observations."""
 
-_ARRAYS = ("keys", "starts", "values", "lengths", "actions")
+_TABLE_SAMPLES = 16
+
+_ARRAYS = ("keys", "starts", "values", "lower", "lengths", "actions")
 
 
 @dataclass
@@ -34,8 +36,9 @@ class BestKnown:
     Attributes:
         recipe: command, method and versions.
         keys: seeds, or `PAPER`.
-        starts: observations at the start, ``(size,)`` each.
+        starts: what `start_of` gives, ``(size,)`` each.
         values: of the bounded metric, as the environment scored the motion.
+        lower: certified lower bounds of it; NaN where there is none.
         actions: of the motion, ``(periods, k)`` each, as given to ``env.step``.
     """
 
@@ -43,21 +46,20 @@ class BestKnown:
     keys: list[int] = field(default_factory=list)
     starts: list[NDArray[np.float32]] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
+    lower: list[float] = field(default_factory=list)
     actions: list[NDArray[np.float32]] = field(default_factory=list)
 
-    def put(self, key: int, start: NDArray[np.float32], value: float, actions: NDArray[np.float32]) -> None:
+    def put(
+        self, key: int, start: NDArray[np.float32], value: float, lower: float, actions: NDArray[np.float32]
+    ) -> None:
         """Store a start, or replace it."""
-        if key in self.keys:
-            at = self.keys.index(key)
-            self.starts[at], self.values[at], self.actions[at] = start, value, actions
-            return
-        self.keys.append(key)
-        self.starts.append(start)
-        self.values.append(value)
-        self.actions.append(actions)
+        lists: tuple[list[Any], ...] = (self.keys, self.starts, self.values, self.lower, self.actions)
+        at = self.keys.index(key) if key in self.keys else len(self.keys)
+        for entries, entry in zip(lists, (key, start, value, lower, actions), strict=True):
+            entries[at : at + 1] = [entry]
 
     def index_of(self, start: NDArray[np.float32]) -> int | None:
-        """Which entry has this observation at its start; None if none has."""
+        """Which entry has this start; None if none has."""
         if not self.starts or self.starts[0].shape != start.shape:
             return None
         distance = np.abs(np.array(self.starts) - start).max(axis=1)
@@ -76,15 +78,15 @@ def read(path: Path) -> BestKnown:
         return BestKnown()
     with np.load(path, allow_pickle=False) as stored:
         recipe = json.loads(str(stored["recipe"]))
-        keys, starts, values, lengths, actions = (stored[name] for name in _ARRAYS)
+        keys, starts, values, lower, lengths, actions = (stored[name] for name in _ARRAYS)
     parts = np.split(actions, np.cumsum(lengths)[:-1])
-    return BestKnown(recipe, keys.tolist(), list(starts), values.tolist(), parts)
+    return BestKnown(recipe, keys.tolist(), list(starts), values.tolist(), lower.tolist(), parts)
 
 
 def write(path: Path, known: BestKnown) -> None:
     """Write the results atomically."""
     lengths = [len(actions) for actions in known.actions]
-    values = known.keys, known.starts, known.values, lengths, np.concatenate(known.actions)
+    values = known.keys, known.starts, known.values, known.lower, lengths, np.concatenate(known.actions)
     arrays: dict[str, Any] = dict(zip(_ARRAYS, map(np.asarray, values), strict=True))
     with whole_file(path) as draft, draft.open("wb") as file:
         np.savez_compressed(file, recipe=np.array(json.dumps(known.recipe)), **arrays)
@@ -96,6 +98,13 @@ def load(env_id: str) -> BestKnown:
     return read(file_of(env_id))
 
 
+def start_of(task: Any, env_index: int = 0) -> NDArray[np.float32]:
+    """What tells the starts of a task apart: the observation, and samples of the table, which holds paths of discs."""
+    table = np.ravel(task.table(env_index))
+    samples = table[:: max(1, table.size // _TABLE_SAMPLES)]
+    return np.concatenate([task.batch[env_index]["observation"], samples.astype(np.float32)])
+
+
 def best_known(env: Any, env_index: int) -> float:
     """The best known value for an environment at its start; NaN for a start or settings of which none is stored.
 
@@ -103,8 +112,25 @@ def best_known(env: Any, env_index: int) -> float:
         env: a vector environment.
         env_index: of the environment in it.
     """
+    index = _stored(env, env_index)
+    return math.nan if index is None else float(load(env.task.env_id).values[index])
+
+
+def lower_bound(env: Any, env_index: int, seed: int = 0) -> float:
+    """A value that no motion can be better than, for an environment at its start; NaN where none is stored.
+
+    Args:
+        env: a vector environment.
+        env_index: of the environment in it.
+        seed: not used; for `envs.card.Bound`.
+    """
+    index = _stored(env, env_index)
+    return math.nan if index is None else float(load(env.task.env_id).lower[index])
+
+
+def _stored(env: Any, env_index: int) -> int | None:
+    """The stored entry of an environment's start."""
     config, known = env.task.config, load(env.task.env_id)
     if config.model_dump() != type(config)().model_dump():
-        return math.nan
-    index = known.index_of(env.task.batch[env_index]["observation"])
-    return math.nan if index is None else float(known.values[index])
+        return None
+    return known.index_of(start_of(env.task, env_index))

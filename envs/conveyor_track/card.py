@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from envs.best_known import best_known
+from envs.best_known import best_known, lower_bound
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.conveyor_track.controls import CONTROLS
 from envs.conveyor_track.experts import meet_on_line
@@ -52,6 +52,7 @@ CARD = TaskCard(
         "settling time of the best motion found, played in the environment; for other starts and settings than the "
         "stored ones, of the best one with the hand on the belt's line",
         _bound,
+        lower_bound,
     ),
     links=(2, 3),
     recipe="ppo/ConveyorTrack-v0",

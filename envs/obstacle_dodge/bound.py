@@ -1,51 +1,20 @@
-"""The bound of ObstacleDodge-v0: the least time to the goal of a motion that knows the obstacles' whole paths.
+"""Best known times to the goal of ObstacleDodge-v0, of motions that know the obstacles' whole paths.
 
-It is found by a search in space and time (:mod:`planners.motion.spacetime`) within the limits of the planners, half of
-the arm's acceleration. ``python -m tools.dodge_bound`` stores the results of the first seeds in ``bound.json``.
+Those of stored starts are in `envs.best_known`. For others a search in space and time
+(:mod:`planners.motion.spacetime`) finds one, within half of the arm's acceleration.
 """
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
-
-import envs  # noqa: F401  registers the environment
+from envs.best_known import best_known
 from planners.motion import spacetime
-from planners.typing import Array
-
-ENV_ID = "ObstacleDodge-v0"
-FILE = Path(__file__).with_name("bound.json")
 
 SETTINGS: dict[str, Any] = {"time_steps": [0.2, 0.1], "gap": 0.05, "margin": spacetime.MARGIN, "nodes": 2_000_000}
 """Arguments of `planners.motion.spacetime.search`."""
-
-LETTERS: dict[spacetime.Verdict, str] = {"found": "f", "exhausted": "x", "gave up": "?"}
-"""Verdicts in the file, one letter per seed."""
-
-
-@dataclass
-class Bounds:
-    """Results of the seeds 0, 1, 2, ...
-
-    Attributes:
-        recipe: settings and versions of the search.
-        verdicts: one letter per seed; see `LETTERS`.
-        time_to_goal: as the environment counts it, s; None without a motion.
-        lower_bound: time before which no motion of the finest lattice arrives, s; None where none exists at all.
-    """
-
-    recipe: dict[str, Any]
-    verdicts: str = ""
-    time_to_goal: list[float | None] = field(default_factory=list)
-    lower_bound: list[float | None] = field(default_factory=list)
 
 
 def solve(env: Any, env_index: int, acceleration: float = 0.5, **settings: Any) -> spacetime.Answer:
@@ -81,49 +50,16 @@ def solve(env: Any, env_index: int, acceleration: float = 0.5, **settings: Any) 
     )
 
 
-def stored_bound(seeds: Sequence[int]) -> Array:
-    """Stored times to the goal, ``(len(seeds),)``, s.
-
-    inf where no motion exists at the lattice's resolution; NaN where the search was inconclusive or nothing is stored.
-    """
-    bounds = load()
-    ruled_out = LETTERS["exhausted"]
-    times = [
-        math.inf if letter == ruled_out else math.nan if time is None else time
-        for letter, time in zip(bounds.verdicts, bounds.time_to_goal, strict=True)
-    ]
-    return np.array([times[seed] if 0 <= seed < len(times) else math.nan for seed in seeds])
-
-
 def time_to_goal(env: Any, env_index: int, seed: int) -> float:
-    """The bound of an episode at its start, s: stored, or searched for if settings or options change the episode.
+    """The best known time to the goal of an episode at its start, s: stored, or searched for; inf where none is found.
 
-    inf where no motion was found.
+    Args:
+        env: a vector environment.
+        env_index: of the environment in it.
+        seed: not used; for `envs.card.Bound`.
     """
-    stored = float(stored_bound([seed])[0])
-    if math.isnan(stored) or not _is_standard(env.task, env_index, seed):
-        return as_counted(solve(env, env_index), env) or math.inf
-    return stored
-
-
-def _is_standard(task: Any, env_index: int, seed: int) -> bool:
-    """Whether an episode is that of the seed with default settings and options."""
-    standard: Any = _standard_env().unwrapped
-    standard.reset(seed=seed)
-    pairs = [(standard.task.batch[0][name], task.batch[env_index][name]) for name in ("q", "goal", "radii")]
-    pairs.append((standard.task.obstacle_path(0), task.obstacle_path(env_index)))
-    return all(np.array_equal(own, other) for own, other in pairs)
-
-
-@lru_cache(maxsize=1)
-def _standard_env() -> gym.Env[Any, Any]:
-    return gym.make(ENV_ID)
-
-
-@lru_cache(maxsize=1)
-def load() -> Bounds:
-    """The stored result."""
-    return Bounds(**json.loads(FILE.read_text()))
+    stored = best_known(env, env_index)
+    return as_counted(solve(env, env_index), env) or math.inf if math.isnan(stored) else stored
 
 
 def as_counted(answer: spacetime.Answer, env: Any) -> float | None:

@@ -16,8 +16,7 @@ import pytest
 import agents
 from agents.commands.benchmark import BenchmarkOptions, run
 from agents.evaluation import benchmark
-from envs.best_known import best_known
-from envs.obstacle_dodge.bound import stored_bound
+from envs.best_known import best_known, load, lower_bound
 from planners import dpct
 
 SMALL = {"episodes": 3, "bound_episodes": 2, "policies": ("dpct", "random"), "full": True}
@@ -48,7 +47,8 @@ def test_every_policy_on_every_task(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert excavator == ["random"]  # it has no expert of the name dpct
     drawn, paper, move, _, dodge, _ = content["results"]
     assert all(ratio > 0.0 for ratio in move["bound"]["quintic_ratio"])
-    assert dodge["bound"]["time_to_goal"] == stored_bound([7, 8]).tolist()
+    known = load("ObstacleDodge-v0")
+    assert dodge["bound"]["time_to_goal"] == [known.values[known.keys.index(seed)] for seed in (7, 8)]
     assert 0.0 <= dodge["policies"][0]["summary"]["collision"]["value"] <= 1.0
     dpct_episodes, random_episodes = (policy["episodes"] for policy in drawn["policies"])
     assert dpct_episodes["seed"] == random_episodes["seed"] == [7, 8, 9]
@@ -154,6 +154,8 @@ def test_the_bound_is_the_best_known_value_of_each_start(tmp_path: Path, first: 
     if first == 10_000:  # not stored: with the hand on the belt's line
         wanted = [dpct.settling_bound(env.motion_problem(env_index), 1e-3, 2e-3, 0.005) for env_index in range(2)]
     assert task["bound"] == {"seeds": [first, first + 1], "settling_time": wanted}
+    lower = [None if first == 10_000 else lower_bound(env, env_index) for env_index in range(2)]
+    assert task["lower_bound"] == {"seeds": [first, first + 1], "settling_time": lower}
     settled = task["policies"][0]["episodes"]["settling_time"][:2]
     assert all(time >= bound for time, bound in zip(settled, wanted, strict=True))
     assert task["policies"][0]["summary"]["above_bound"]["value"] == pytest.approx(

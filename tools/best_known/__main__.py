@@ -1,12 +1,13 @@
 """Best known values of tasks: ``python -m tools.best_known [TASK ...]`` (needs the ``tools`` extra).
 
 For the paper's start and the seeds of the published leaderboard it searches for the best motion, plays it in the
-environment, and writes it to ``envs/best_known/``. What is stored there stays where it is the
-better value, seeds that are stored already are left out, and Ctrl-C keeps what is done.
+environment, and writes it to ``envs/best_known/`` with a lower bound, where the task has one. What is stored there
+stays where it is the better value, seeds that are stored already are left out, and Ctrl-C keeps what is done.
 """
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 from dataclasses import dataclass
 from types import ModuleType
@@ -17,7 +18,7 @@ import tyro
 
 from agents.console import note, progress_bar
 from agents.provenance import versions
-from envs.best_known import PAPER, file_of, read, write
+from envs.best_known import PAPER, file_of, read, start_of, write
 from tools.best_known import conveyor, dodge, torque_move
 from tools.best_known.playback import begin, play_actions
 
@@ -59,16 +60,18 @@ def main(options: BestKnownOptions) -> None:
         note(f"{name}: {len(known.keys)} starts stored")
 
 
-def solved(env: gym.Env[Any, Any], module: ModuleType, key: int, stored: Any) -> tuple[Any, float, Any]:
-    """Observation at the start, best known value and actions of an episode."""
-    start = begin(env, key).copy()
-    best = module.search(env, key, None if stored is None else play_actions(env, key, stored))
+def solved(env: gym.Env[Any, Any], module: ModuleType, key: int, stored: Any) -> tuple[Any, float, float, Any]:
+    """Start, best known value, lower bound and actions of an episode."""
+    begin(env, key)
     task: Any = env.unwrapped
+    start = start_of(task.task)
+    best = module.search(env, key, None if stored is None else play_actions(env, key, stored))
     replayed = play_actions(env, key, best.actions)  # by its actions alone, as a user would
     value = replayed.score(module.METRIC, task.task.config.limit_tolerance)
     if value != best.score(module.METRIC, task.task.config.limit_tolerance):
         raise RuntimeError(f"{module.ENV_ID}, seed {key}: the environment does not repeat its own score")
-    return start, value, best.actions
+    lower = module.lower(env, key) if hasattr(module, "lower") else math.nan
+    return start, value, lower, best.actions
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ before is lowered as long as they are small enough and the environment, in which
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from planners.robot.arm import Arm
 from planners.typing import Array
 from tools.best_known.dynamics import torques
+from tools.best_known.lower import Ranges, earliest, joints_of, with_hand_at
 from tools.best_known.playback import Motion, Played, begin, play_expert, play_motion
 
 ENV_ID, METRIC = "ConveyorTrack-v0", "settling_time"
@@ -34,6 +36,9 @@ TARGETS = 0.85, 0.99
 
 STEPS = (8, 4, 2, 1)
 """By how many periods the settling is moved forward: the next number after a failure."""
+
+CHECKED = 10
+"""Ends of control periods at which the joints must be where the part is, for the lower bound."""
 
 IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 150, "tol": 1e-5, "acceptable_tol": 1e-3, "mu_strategy": "adaptive"}
 
@@ -137,3 +142,19 @@ def search(env: gym.Env[Any, Any], key: int, known: Played | None = None) -> Pla
             else:
                 break
     return best
+
+
+def lower(env: gym.Env[Any, Any], key: int) -> float:
+    """A time before which no motion within the limits is settled, s."""
+    begin(env, key)
+    task: Any = env.unwrapped
+    target, config, arm, q = task.motion_problem().target, task.task.config, task.task.arm, task.joint_state()[0]
+
+    def alternatives(first: int) -> list[list[Ranges]]:
+        times = config.control_period * np.arange(first, first + CHECKED)[:, None]
+        places = target.position + times * target.velocity
+        return with_hand_at(arm, q, places, config.position_tolerance, target.velocity, config.velocity_tolerance)
+
+    joints = joints_of(arm, q, config.limit_tolerance, config.control_period)
+    first = earliest(joints, alternatives, round(config.horizon / config.control_period))
+    return math.inf if first is None else first * config.control_period

@@ -9,6 +9,7 @@ agrees. It starts from a search in space and time, from the experts' motions and
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from planners.robot.arm import Arm
 from planners.typing import Array
 from tools.best_known.conveyor import earlier
 from tools.best_known.dynamics import torques
+from tools.best_known.lower import earliest, joints_of, with_hand_at
 from tools.best_known.playback import (
     Motion,
     Played,
@@ -174,25 +176,27 @@ def search(env: gym.Env[Any, Any], key: int, known: Played | None = None) -> Pla
         return played.score(METRIC, config.limit_tolerance)
 
     starts = sorted(candidates(env, key) + ([known] if known else []), key=score)
-    best = starts[0]
+    best, least = starts[0], round(lower(env, key) / episode.period)
     if np.isfinite(score(best)):
-        best = shortened(env, key, episode, best)
+        best = shortened(env, key, episode, best, least)
     for start in [each for each in starts[1:STARTS] if np.isfinite(score(each))]:
-        arrival = round(score(start) / episode.period)
-        found = attempt(env, key, episode, start, arrival, arrival - round(score(best) / episode.period) + 1)
+        arrival, wanted = (round(score(each) / episode.period) for each in (start, best))
+        if wanted <= least:
+            break
+        found = attempt(env, key, episode, start, arrival, arrival - wanted + 1)
         if found is not None and score(found) < score(best):
-            best = shortened(env, key, episode, found)
+            best = shortened(env, key, episode, found, least)
     return best
 
 
-def shortened(env: gym.Env[Any, Any], key: int, episode: Episode, best: Played) -> Played:
-    """The earliest arrival that a motion leads to."""
+def shortened(env: gym.Env[Any, Any], key: int, episode: Episode, best: Played, least: int) -> Played:
+    """The earliest arrival that a motion leads to; ``least``: the lower bound, in control periods."""
 
     def score(played: Played) -> float:
         return played.score(METRIC, episode.limit_tolerance)
 
-    for step in STEPS:
-        while (arrival := round(score(best) / episode.period)) > step:
+    for step in (round(score(best) / episode.period) - least, *STEPS):
+        while (arrival := round(score(best) / episode.period)) - least >= step > 0:
             found = attempt(env, key, episode, best, arrival, step)
             if found is None or score(found) >= score(best):
                 break
@@ -254,3 +258,16 @@ def with_agent() -> tuple[gym.Env[Any, Any], Any]:
     """The shipped agent, and an environment with its control mode."""
     (named,) = name_policies([SHIPPED], ENV_ID)
     return gym.make(ENV_ID, **named.settings({})), named.policy
+
+
+def lower(env: gym.Env[Any, Any], key: int) -> float:
+    """A time before which no motion within the limits is at the goal to stay, s."""
+    begin(env, key)
+    task: Any = env.unwrapped
+    episode, q = describe(task.task), task.joint_state()[0]
+    ranges = with_hand_at(
+        episode.arm, episode.arm.limits.angle_middle, np.tile(episode.goal, (episode.hold, 1)), episode.tolerance
+    )
+    joints = joints_of(episode.arm, q, episode.limit_tolerance, episode.period)
+    first = earliest(joints, lambda period: ranges, round(task.task.config.horizon / episode.period))
+    return math.inf if first is None else first * episode.period
