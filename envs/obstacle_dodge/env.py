@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from envs.arms import arm_of, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
@@ -28,6 +28,8 @@ class ObstacleDodgeConfig(LimitSettings):
 
     Attributes:
         num_obstacles: number of discs.
+        observed_discs: number of discs for which an observation has room; `num_obstacles` when left out. In the places
+            without a disc every entry is 0, also the radius.
         camera_noise: standard deviation of the observed positions of goal and discs, along either axis, m; that of the
             discs' velocities is this over the control period.
         tolerance: largest distance between hand and goal that counts as there, m.
@@ -41,6 +43,7 @@ class ObstacleDodgeConfig(LimitSettings):
     horizon: float = Field(8.0, gt=0.0, le=60.0)
     physics_step: float = Field(0.0025, gt=0.0)
     num_obstacles: int = Field(1, ge=1, le=4)
+    observed_discs: int | None = Field(None, ge=1, le=4)
     camera_noise: Positive = 0.0
     tolerance: float = Field(0.03, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
@@ -49,9 +52,16 @@ class ObstacleDodgeConfig(LimitSettings):
     collision_penalty: float = Field(2.0, ge=0.0)
     limit_penalty: float = Field(0.1, ge=0.0)
 
+    @field_validator("observed_discs")
+    @classmethod
+    def _room_for_every_disc(cls, observed: int | None, others: ValidationInfo) -> int | None:
+        if observed is not None and observed < others.data.get("num_obstacles", 1):
+            raise ValueError(f"fewer than num_obstacles, which is {others.data['num_obstacles']}; raise it to that")
+        return observed
+
 
 def layout_of(arm: Arm, discs: int) -> Layout:
-    """What an observation of ObstacleDodge-v0 holds with an arm and so many discs; scales follow from the arm."""
+    """What an observation of ObstacleDodge-v0 holds with an arm and room for some discs; scales follow from the arm."""
     length, time = scale_of_task(arm)
     pace = length / time
     turning, urging = (scale_of(arm, kind, SCARA_50CM) for kind in ("velocity", "acceleration"))
@@ -145,7 +155,7 @@ class ObstacleDodge(Task):
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
         arm = dodging_arm(config)
         self.scale = scale_of_task(arm)
-        self.layout = layout_of(arm, config.num_obstacles)
+        self.layout = layout_of(arm, config.observed_discs or config.num_obstacles)
         self.view = scaled_view(VIEW, arm, SCARA_50CM)
         samples = math.ceil(config.horizon / self.scale.path_step - 1e-6) + 1
         constants = {
@@ -222,7 +232,7 @@ class ObstacleDodge(Task):
         positions = seen["obstacle"].reshape(-1, 2) + self.arm.base_array
         velocities = seen["obstacle_velocity"].reshape(-1, 2)
         discs = zip(positions, velocities, seen["obstacle_radius"].tolist(), strict=True)
-        obstacles = tuple(Obstacle(*disc) for disc in discs)
+        obstacles = tuple(Obstacle(*disc) for disc in discs if disc[2] > 0.0)  # 0: a place without a disc
         return self._problem(
             seen, FixedHand(self.hand_goal(seen)[0]), limits=self._planning_limits, obstacles=obstacles
         )
@@ -257,7 +267,10 @@ class ObstacleDodgeEnv(PlanarArmEnv):
     of the period, as nearly as the limits allow: all of them hold by construction).
 
     ## Observation space
-    The entries of the discs, listed below for one, grow with `num_obstacles`.
+    The entries of the discs, listed below for one, grow with `num_obstacles`. With `observed_discs=4` they have room
+    for four discs whatever their number, so that one policy acts on every level: the places without a disc come last
+    and hold 0, also as radius. A disc keeps its place for the whole episode, so that a policy can follow its motion;
+    the nearest is not put first, since discs would change places as they pass each other.
 
     ## Rewards
     The sum of five terms:

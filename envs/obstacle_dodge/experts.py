@@ -89,16 +89,17 @@ class DodgingExpert(Expert):
     def __init__(self, task: ObstacleDodge, gains: DodgeGains | None = None) -> None:
         super().__init__(task)
         self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
+        self._discs = task.config.num_obstacles
         self._gains = gains or in_units(tuned_gains(), task.scale)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
         seen = self.task.layout.parse(observations)
-        batch, discs = seen["obstacle_radius"].shape
+        (batch, room), discs = seen["obstacle_radius"].shape, self._discs
         memory = new_memory(batch, discs) if state is None or len(state) != batch else state.copy()
         memory[starts | self._begins(seen)] = np.zeros(1, memory.dtype)
         q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
-        places = seen["obstacle"].reshape(batch, discs, 2) + base
-        rates = seen["obstacle_velocity"].reshape(batch, discs, 2)
+        places = seen["obstacle"].reshape(batch, room, 2)[:, :discs] + base
+        rates = seen["obstacle_velocity"].reshape(batch, room, 2)[:, :discs]
         qdd = np.zeros_like(q)
         for arm, part_of in self._arms():
             rows = part_of if self.idle is None else np.arange(batch)[part_of][~self.idle[part_of]]
@@ -111,7 +112,7 @@ class DodgingExpert(Expert):
                 seen["goal"][rows] + base,
                 places[rows],
                 rates[rows],
-                seen["obstacle_radius"][rows],
+                seen["obstacle_radius"][rows, :discs],
                 part,
                 self.task.config.control_period,
                 **self._rules,

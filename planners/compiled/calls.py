@@ -129,7 +129,7 @@ def _clear_array(typing_context: Any, target: Any) -> Any:
 
 
 copy_array: Any = intrinsic(_copy_array)
-"""``target[:] = source`` in compiled code, for contiguous arrays of one shape; it compiles faster than a loop."""
+"""``target[:len(source)] = source`` in compiled code, for contiguous arrays; it compiles faster than a loop."""
 
 clear_array: Any = intrinsic(_clear_array)
 """``target[:] = 0`` in compiled code, for a contiguous array of numbers."""

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import agents
-import envs  # noqa: F401  (registers the ids)
+import envs
 from envs.obstacle_dodge.paths import PATH_STEP
 from planners import SCARA_50CM, FixedHand
 
@@ -258,6 +258,28 @@ def test_the_experts_keep_the_limits_while_they_dodge(name: str) -> None:
     ratio = thirty_episodes(name).metrics["limit_ratio"]
     assert ratio.max() <= 1.02
     assert (ratio <= 1.005).mean() >= 0.95
+
+
+@pytest.mark.parametrize("expert", ["apf", "dpct"])
+def test_an_observation_with_room_for_four_discs_leads_an_expert_to_the_same_actions(expert: str) -> None:
+    own, roomy = (gym.make(ENV, num_obstacles=2, observed_discs=room) for room in (None, 4))
+    experts = [envs.make_expert(expert, env) for env in (own, roomy)]
+    seen = [env.reset(seed=3)[0] for env in (own, roomy)]
+    assert seen[1].size == gym.make(ENV, observed_discs=4).observation_space.shape[0]  # type: ignore[index]
+    for _ in range(20):
+        few, many = (env.unwrapped.task.layout.parse(o) for env, o in zip((own, roomy), seen, strict=True))
+        for name, value in few.items():
+            size = value.size
+            np.testing.assert_array_equal(many[name][:size], value)
+            assert not many[name][size:].any()
+        actions = [policy.predict(o)[0] for policy, o in zip(experts, seen, strict=True)]
+        np.testing.assert_array_equal(*actions)
+        seen = [env.step(action)[0] for env, action in zip((own, roomy), actions, strict=True)]
+
+
+def test_room_for_fewer_discs_than_there_are_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"observed_discs.*fewer than num_obstacles, which is 3"):
+        gym.make(ENV, num_obstacles=3, observed_discs=2)
 
 
 @pytest.mark.parametrize(("discs", "share"), [(2, 0.8), (3, 0.66)])
