@@ -1,7 +1,8 @@
 """Numbers of eight environments at once in compiled code: vectors of the processor (SIMD).
 
 A `PACK` is a number for each of `WIDTH` environments. Its arithmetic is that of eight separate numbers, to the bit,
-with the same instructions in the same order, so a result does not depend on who else is in the pack.
+with the same instructions in the same order, so a result does not depend on who else is in the pack. Where a processor
+multiplies and adds in one instruction (FMA), it does, so last digits depend on the processor.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def _define(operation: Any, instruction: str) -> None:
 
     def lower(context: Any, builder: Any, of: Any, values: Any) -> Any:
         both = [_in_all(builder, kind, value) for kind, value in zip(of.args, values, strict=True)]
-        return getattr(builder, instruction)(*both)
+        return getattr(builder, instruction)(*both, flags=("contract",))
 
     for pair in kinds:
         lower_builtin(operation, *pair)(lower)  # type: ignore[no-untyped-call]

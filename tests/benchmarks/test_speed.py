@@ -252,7 +252,7 @@ CLOSED_FORM = [
     ("ConveyorTrack-v0", 8.0),
     ("MinTorqueMove-v0", 8.0),
     ("ObstacleDodge-v0", 8.0),
-    ("ExcavatorPayload-v0", 6.0),
+    ("ExcavatorPayload-v0", 8.0),
 ]
 
 
