@@ -8,7 +8,7 @@ from typing import Any
 from envs.best_known import best_known, lower_bound
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.conveyor_track.controls import CONTROLS
-from envs.conveyor_track.experts import meet_on_line
+from envs.conveyor_track.experts import settle_early
 from envs.conveyor_track.levels import LEVELS
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import FollowerExpert, MovingTargetExpert
@@ -41,7 +41,7 @@ CARD = TaskCard(
         Metric("steady_state_error", "error (mm)", 1e3),
     ),
     experts={
-        "dpct": lambda task: PlanningExpert(task, meet_on_line),
+        "dpct": lambda task: PlanningExpert(task, settle_early(task)),
         "lagrange": lambda task: PlanningExpert(task, lagrange.plan),
         "apf": lambda task: MovingTargetExpert(task, task.hand_goal),
         "follower": lambda task: FollowerExpert(task, task.hand_goal),

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
+from envs.experts.base import Planner
+from envs.task import Task
+from planners import Infeasible, MotionProblem, Trajectory, dpct
 
-from planners import MotionProblem, MovingHand, Trajectory, dpct
+TOLERANCE_SHARE = 0.95
+"""Share of the task's tolerances that a plan uses; the rest is for tracking."""
 
-DRIFT = 1e-3
-"""Largest velocity of the hand across the part's line that is left to tracking, m/s."""
-
-
-def meet_on_line(problem: MotionProblem) -> Trajectory:
-    """The earliest rendezvous on the line of the part.
-
-    DPCT plans for hands that move along that line. Before a payload is known the hand drifts off it a little; such a
-    drift is taken out of the start.
-    """
-    return dpct.plan(_along_line(problem), allow_reverse=True)
+LIMIT_SHARE = 1.0 - 1e-3
+"""Share of the limits that a plan uses; the environment measures jerk between control periods, tracking included."""
 
 
-def _along_line(problem: MotionProblem) -> MotionProblem:
-    q, qd, _ = problem.start
-    if not isinstance(problem.target, MovingHand) or not np.any(problem.target.velocity):
-        return problem
-    way = problem.target.velocity / np.linalg.norm(problem.target.velocity)
-    jacobian = problem.arm.jacobian(q)
-    velocity = jacobian @ qd
-    along = (way @ velocity) * way
-    if not 0.0 < np.linalg.norm(velocity - along) <= DRIFT:
-        return problem
-    if problem.arm.n_joints == 3:  # DPCT keeps the orientation of the third link
-        jacobian, along = np.vstack([jacobian, np.ones(3)]), np.append(along, 0.0)
-    return replace(problem, qd=np.asarray(np.linalg.lstsq(jacobian, along)[0], dtype=np.float64))
+def settle_early(task: Task) -> Planner:
+    """A planner of the earliest settling within the task's tolerances, on the part's line or off it."""
+    config = task.config
+    tolerances = {
+        name: TOLERANCE_SHARE * getattr(config, name) for name in ("position_tolerance", "velocity_tolerance")
+    }
+
+    def plan(problem: MotionProblem) -> Trajectory:
+        careful = replace(problem, limits=problem.joint_limits.scaled(LIMIT_SHARE))
+        try:
+            return dpct.plan(careful, variant="free", **tolerances)
+        except Infeasible:  # the start may need the rest of the limits
+            return dpct.plan(problem, variant="free", **tolerances)
+
+    return plan

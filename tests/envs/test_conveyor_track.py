@@ -14,6 +14,7 @@ import pytest
 import scipy.stats
 
 import envs
+from envs.best_known import best_known
 from envs.conveyor_track import table
 from envs.conveyor_track.belt import RANGES, Demands, Start, problem_of, why_unsolvable
 from envs.conveyor_track.env import LAYOUT
@@ -227,6 +228,32 @@ class TestExpert:
         assert expert.infeasible == 0
         assert info["is_success"]
 
+    def test_dpct_settles_within_two_periods_of_the_best_known_motion_and_keeps_the_limits(self) -> None:
+        env, late = made(), []
+        for seed in range(8):
+            expert = envs.make_expert("dpct", env)
+            observation, info = env.reset(seed=seed)
+            known, over = best_known(env.unwrapped, 0), False
+            while not over:
+                observation, _, _, over, info = env.step(expert.predict(observation)[0])
+            assert info["is_success"]
+            assert info["limit_ratio"] <= 1.0
+            late.append(info["settling_time"] - known)
+        assert np.median(late) <= 0.03
+
+    def test_dpct_starts_beside_the_line_and_in_motion(self) -> None:
+        """After torques of its own choice, as with a replan."""
+        env = made()
+        for seed in (0, 1):
+            observation, info = env.reset(seed=seed)
+            for _ in range(12):
+                observation, *_ = env.step(np.array([0.1, -0.12], dtype=np.float32))
+            expert, over = envs.make_expert("dpct", env), False
+            while not over:
+                observation, _, _, over, info = env.step(expert.predict(observation)[0])
+            assert info["is_success"]
+            assert expert.infeasible == 0
+
     def test_brakes_to_rest_although_a_torque_saturates(self) -> None:
         def refuse(problem: MotionProblem) -> Trajectory:
             raise Infeasible("late", "for the test")
@@ -234,7 +261,7 @@ class TestExpert:
         env = made()
         moving = envs.make_expert("dpct", env)
         observation, _ = env.reset(seed=0)
-        for _ in range(75):
+        for _ in range(65):
             observation, *_ = env.step(moving.predict(observation)[0])
         assert np.abs(env.unwrapped.joint_state()[1]).max() > 0.15
         braking = PlanningExpert(env.unwrapped.task, refuse)
