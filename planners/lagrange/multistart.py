@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +32,9 @@ DENSE_POINTS, SAMPLES, UNIT_POINTS = 1201, 401, 101
 DENSE_LOAD = 1.0 - 1e-5
 """Largest load of a plan on the dense grid: less than 1 to allow for larger values between two instants."""
 
-COARSE = Effort(barrier=1e-2, tolerance=1e-4, iterations=45)
-COARSE_AGAIN = Effort(barrier=1e-3, tolerance=1e-4, iterations=40)
+COARSE = Effort(barrier=1e-2, tolerance=1e-2, iterations=20)
+COARSE_AGAIN = Effort(barrier=1e-3, tolerance=1e-3, iterations=20)
+"""For the order of the solutions: a looser tolerance changes it little."""
 REFINE = Effort(barrier=1e-3, tolerance=3e-5, iterations=100)
 REPAIR = Effort(barrier=1e-4, tolerance=3e-5, iterations=60)
 PROBE = Effort(barrier=1e-2, tolerance=math.inf, iterations=40)
@@ -41,15 +42,24 @@ PROBE = Effort(barrier=1e-2, tolerance=math.inf, iterations=40)
 
 PROBE_DEGREE, PROBE_POINTS = 14, 57
 
-POLISH = Effort(barrier=1e-5, tolerance=1e-5, iterations=150)
-STAGES, POINTS_PER_STAGE, SAMPLES_PER_STAGE, DENSE_PER_STAGE = 150, 2, 4, 8
-"""Of the dense transcription: cubic splines, the acceleration linear on every stage."""
+POLISH = Effort(barrier=1e-3, tolerance=1e-3, iterations=60)
+POLISH_FINE = Effort(barrier=1e-5, tolerance=3e-5, iterations=60)
+STAGES, FINE_STAGES, SWINGING_STAGES = 30, 90, 150
+"""Of the dense transcription (cubic splines, the acceleration linear on every stage), of the best of them, and of that
+one under gravity, where the best motions swing almost freely: the torque left is small against a coarse one's error.
+"""
 
-MOST_REFINED = 3
-"""Number of coarse solutions that are refined."""
+POINTS_PER_STAGE, DENSE_PER_STAGE, SPLINE_SAMPLES = 2, 8, 480
+"""Instants of the search and of the dense grid on every stage, and least number of samples altogether."""
 
-MOST_MOVES, MOST_STARTS = 2, 10
+MOST_REFINED, MOST_SWINGS = 3, 6
+"""Number of coarse solutions that are refined, and the same under gravity, where more of them differ."""
+
+MOST_MOVES, MOST_STARTS = 2, 30
 """Number of alternative moves with more starts than the quintic, and of these starts altogether."""
+
+SWINGS, SWING_REACH = 12, (1.5, 2.6)
+"""Number of random starts under gravity, and their largest detour of the first and of the other joints, rad."""
 
 SAME_INDEX = 1e-3
 """Relative difference of the index up to which two coarse solutions count as the same."""
@@ -92,11 +102,12 @@ class Bases(NamedTuple):
 
 
 def least_torque(
-    moves: Sequence[JointMove], objective: Objective, degree: int, guess: Curve | None = None
+    moves: Sequence[JointMove], objective: Objective, degree: int, guess: Curve | None = None, *, polish: bool = False
 ) -> Fit | None:
     """The best motion found among those that any of the moves (such as the branches of the inverse kinematics) allows.
 
-    None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too.
+    None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too;
+    ``polish`` refines by splines in place of the interpolation.
     """
     index = Index(objective, max(torque_unit(move, objective) for move in moves))
     if len(moves) > 1:
@@ -106,11 +117,10 @@ def least_torque(
     solutions = [solution for move in moves for solution in _solutions(move, index, slice(share), guess)]
     if len(moves) > 1:
         solutions += _solutions(_best(solutions, objective)[0].move, index, slice(share, None), None)
-    for solution in _best(solutions, objective):
-        fit = _refine(solution, degree, index)
-        if fit is not None:
-            return fit
-    return None
+    best = _best(solutions, objective)
+    if polish and (fit := _polished(best, index)) is not None:
+        return fit
+    return next((fit for solution in best if (fit := _refine(solution, degree, index)) is not None), None)
 
 
 def torque_unit(move: JointMove, objective: Objective) -> float:
@@ -123,22 +133,6 @@ def torque_unit(move: JointMove, objective: Objective) -> float:
     return max(float(mean if objective == "PI1" else np.sqrt(mean)), 1e-9)
 
 
-def polished(fit: Fit, objective: Objective) -> Fit:
-    """The local minimum among splines close to a motion, if it is the better one."""
-    move = fit.minimum.move
-    bases = Bases(
-        *(
-            spline_basis(STAGES, move.clamp_acceleration, n)
-            for n in (POINTS_PER_STAGE, DENSE_PER_STAGE, SAMPLES_PER_STAGE)
-        )
-    )
-    index = Index(objective, torque_unit(move, objective))
-    found = _within_limits(move, bases, fit.curve(bases.search.s), index, (POLISH, POLISH))
-    if found is None or found.minimum.index(objective, bases.samples) > fit.minimum.index(objective, fit.samples):
-        return fit
-    return found
-
-
 def reaches(move: JointMove, start: Curve | None = None) -> bool:
     """Whether a motion close to a start, by default the quintic, keeps the limits: quick, and may miss some."""
     basis = lagrange_basis(PROBE_DEGREE, move.clamp_acceleration, PROBE_POINTS)
@@ -149,9 +143,10 @@ def reaches(move: JointMove, start: Curve | None = None) -> bool:
 def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
     """The best solutions, no two of the same index, best first; those that keep the limits before the others."""
     scored = sorted(((not solution.feasible, solution.index(objective)), i) for i, solution in enumerate(solutions))
+    most = MOST_SWINGS if any(solution.move.arm.gravity for solution in solutions) else MOST_REFINED
     best: list[tuple[float, int]] = []
     for (_, value), i in scored:
-        if len(best) < MOST_REFINED and not (best and abs(value - best[-1][0]) < SAME_INDEX * value):
+        if len(best) < most and not (best and abs(value - best[-1][0]) < SAME_INDEX * value):
             best.append((value, i))
     return [solutions[i] for _, i in best]
 
@@ -185,6 +180,33 @@ def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
     )
     start = solution.at(lagrange_basis(COARSE_DEGREE, clamp, points))[0]
     return _within_limits(move, bases, start, index, (REFINE, REPAIR))
+
+
+def _polished(solutions: Sequence[Minimum], index: Index) -> Fit | None:
+    """The best of the coarse solutions on splines within the limits of the dense grid; None if there is none."""
+
+    def value(fit: Fit) -> float:
+        return fit.minimum.index(index.objective, fit.samples)
+
+    fits = []
+    for solution in solutions:
+        samples = lagrange_basis(COARSE_DEGREE, solution.move.clamp_acceleration, SAMPLES, uniform=True)
+        fits.append(_on_splines(Fit(solution, samples), STAGES, index, POLISH))
+    kept = [fit for fit in fits if fit is not None]
+    if not kept:
+        return None
+    best = min(kept, key=value)
+    stages = SWINGING_STAGES if best.minimum.move.arm.gravity else FINE_STAGES
+    finer = _on_splines(best, stages, index, POLISH_FINE)
+    return best if finer is None else min(finer, best, key=value)
+
+
+def _on_splines(fit: Fit, stages: int, index: Index, effort: Effort) -> Fit | None:
+    """The local minimum among splines of so many stages that a motion leads to."""
+    move = fit.minimum.move
+    counts = POINTS_PER_STAGE, DENSE_PER_STAGE, -(-SPLINE_SAMPLES // stages)
+    bases = Bases(*(spline_basis(stages, move.clamp_acceleration, count) for count in counts))
+    return _within_limits(move, bases, fit.curve(bases.search.s), index, (effort, POLISH_FINE))
 
 
 def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, efforts: tuple[Effort, Effort]) -> Fit | None:
@@ -231,7 +253,7 @@ def _measured_loads(minimum: Minimum, samples: Basis) -> Array:
 
 
 def _start_curves(move: JointMove) -> list[Curve]:
-    """The quintic, an extended one, and swings and folds in every direction."""
+    """The quintic, an extended one, swings and folds in every direction; under gravity also random detours."""
     n = move.arm.n_joints
     outer: Array = np.where(np.arange(n) > 0, 1.0, 0.0)
     alternating: Array = np.where(np.arange(n) % 2 == 0, outer, -outer)
@@ -244,13 +266,31 @@ def _start_curves(move: JointMove) -> list[Curve]:
         move.quintic,
         partial(_curve, move, np.zeros(n), -outer),
         *(partial(_curve, move, detour, np.zeros(n)) for detour in possible),
+        *(partial(_swing, move, *pair) for pair in _swings(n) if move.arm.gravity),
     ]
+
+
+@lru_cache
+def _swings(n: int) -> Array:
+    """Detour at half time and lean of every random start, ``(SWINGS, 2, n)``, rad: the same for every move."""
+    reach = np.where(np.arange(n) > 0, SWING_REACH[1], SWING_REACH[0])
+    return np.random.default_rng(n).uniform(-reach, reach, (SWINGS, 2, n))
 
 
 def _curve(move: JointMove, detour: Array, share: Array, s: Array) -> Array:
     """The quintic plus, at half time, ``detour`` (rad) and a ``share`` of itself, within the joint ranges."""
     quintic = move.quintic(s)
+    return _in_range(move, quintic, detour + share * quintic, s)
+
+
+def _swing(move: JointMove, detour: Array, lean: Array, s: Array) -> Array:
+    """The quintic plus a detour that leans to the start, or against it, within the joint ranges."""
+    return _in_range(move, move.quintic(s), detour + (1.0 - 2.0 * s)[:, None] * lean, s)
+
+
+def _in_range(move: JointMove, quintic: Array, detour: Array, s: Array) -> Array:
+    """The quintic plus a detour that is in full at half time and fades to the ends, within the joint ranges."""
     half_way = (16.0 * (s * (1.0 - s)) ** 2)[:, None]
     middle = move.limits.angle_middle
     reach = np.maximum(INSIDE * move.limits.angle_half, np.abs(quintic - middle).max(axis=0))
-    return middle + np.clip(quintic + half_way * (detour + share * quintic) - middle, -reach, reach)
+    return middle + np.clip(quintic + half_way * detour - middle, -reach, reach)

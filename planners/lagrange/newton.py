@@ -9,7 +9,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.compiled.calls import private
-from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
+from planners.lagrange.torque_derivatives import (
+    add_torque_curvature_single,
+    torque_jacobian_single,
+    torques_single,
+    turn_couplings,
+)
 from planners.lagrange.transcription import Transcription
 from planners.typing import Array
 
@@ -146,97 +151,95 @@ def newton_model(
     highest = 2
     for order in task.orders:
         highest = max(highest, order)
-    curvature = np.empty((4, n, 4, n))
-    links_gradient, index_links_gradient = np.empty((4, n)), np.empty((4, n))
-    slopes, bends, factors = np.empty(n), np.empty(n), np.empty(n)
+    width = (highest + 1) * n
+    curvature, row = np.empty((width, width)), np.empty(width)
+    links_gradient, index_links_gradient = np.empty(width), np.empty(width)
+    bends, factors, forces = np.empty(n), np.empty(n), np.empty(n)
+    cosine, sine = np.empty((n, n)), np.empty((n, n))
     for k in range(points):
-        for d in range(4):
-            for j in range(n):
-                index_links_gradient[d, j] = 0.0
-                for e in range(4):
-                    for a in range(n):
-                        curvature[d, j, e, a] = 0.0
+        links, jacobian = point.links[k], jacobians[k]
+        for r in range(width):
+            links_gradient[r] = index_links_gradient[r] = 0.0
+            for c in range(width):
+                curvature[r, c] = 0.0
         for j in range(n):
             tau = point.tau[k, j]
             if task.power == 1:
                 root = np.sqrt(tau * tau + eps * eps)
-                slopes[j] = weights[k] * tau / root
-                bends[j] = weights[k] * (1.0 - sign[k, j] * tau / root) / root
+                factors[j] = weights[k] * tau / root / task.unit
+                bends[j] = weights[k] * (1.0 - sign[k, j] * tau / root) / (root * task.unit * task.unit)
             else:
-                slopes[j], bends[j] = 2.0 * weights[k] * tau, 2.0 * weights[k]
-            factors[j] = slopes[j] / task.unit
-        torque_jacobian_single(task.coupling, task.weight, point.links[k], jacobians[k])
-        jacobian = jacobians[k]
+                factors[j] = 2.0 * weights[k] * tau / task.unit
+                bends[j] = 2.0 * weights[k] / (task.unit * task.unit)
+            forces[j] = 0.0
+        turn_couplings(task.coupling, links, cosine, sine)
+        torque_jacobian_single(task.weight, links, cosine, sine, jacobian)
+        for j in range(n):
+            for d in range(3):
+                for a in range(n):
+                    index_links_gradient[d * n + a] += factors[j] * jacobian[j, d, a]
+        for limit in range(limits):
+            order, j, inverse = task.orders[limit], task.joints[limit], task.inverse_limits[k, limit]
+            at = k * limits + limit
+            slope, bend = force[at] * inverse, stiffness[at] * inverse * inverse
+            if order < 0:
+                forces[j] = slope
+                bends[j] += bend
+                factors[j] += multiplier[at] * inverse
+                continue
+            r = order * n + j
+            links_gradient[r] += slope
+            curvature[r, r] += bend
+            if j > 0:
+                links_gradient[r - 1] -= slope
+                curvature[r - 1, r - 1] += bend
+                curvature[r - 1, r] -= bend
+                curvature[r, r - 1] -= bend
+        for j in range(n):
+            for d in range(3):
+                for a in range(n):
+                    r, slope = d * n + a, jacobian[j, d, a]
+                    links_gradient[r] += forces[j] * slope
+                    scaled = bends[j] * slope
+                    for e in range(3):
+                        for b in range(n):
+                            curvature[r, e * n + b] += scaled * jacobian[j, e, b]
+        add_torque_curvature_single(task.weight, links, cosine, sine, factors, curvature)
+        for r in range(width):
+            links_gradient[r] += index_links_gradient[r]
+        _condense(tr.functions[k], tr.first[k], curvature, row, hessian)
+        for i in range(support):
+            for d in range(highest + 1):
+                share = tr.functions[k, d, i]
+                for a in range(n):
+                    here = (tr.first[k] + i) * n + a
+                    gradient[here] += share * links_gradient[d * n + a]
+                    index_gradient[here] += share * index_links_gradient[d * n + a]
         for j in range(n):
             for d in range(3):
                 for a in range(n):
                     jacobian[j, d, a] /= task.unit
-        _add_torques(slopes, bends, jacobian, index_links_gradient, curvature)
-        for j in range(n):
-            slopes[j] = bends[j] = 0.0
-            for d in range(4):
-                links_gradient[d, j] = index_links_gradient[d, j]
-        for c in range(limits):
-            order, j, inverse = task.orders[c], task.joints[c], task.inverse_limits[k, c]
-            slope, bend = force[k * limits + c] * inverse, stiffness[k * limits + c] * inverse * inverse
-            if order < 0:
-                slopes[j], bends[j] = slope * task.unit, bend * task.unit**2
-                factors[j] += multiplier[k * limits + c] * inverse
-                continue
-            links_gradient[order, j] += slope
-            curvature[order, j, order, j] += bend
-            if j > 0:
-                links_gradient[order, j - 1] -= slope
-                curvature[order, j - 1, order, j - 1] += bend
-                curvature[order, j - 1, order, j] -= bend
-                curvature[order, j, order, j - 1] -= bend
-        _add_torques(slopes, bends, jacobian, links_gradient, curvature)
-        add_torque_curvature_single(task.coupling, task.weight, point.links[k], factors, curvature)
-        _condense(tr.functions[k], tr.first[k], highest + 1, curvature, hessian)
-        for i in range(support):
-            for a in range(n):
-                here = (tr.first[k] + i) * n + a
-                for d in range(highest + 1):
-                    gradient[here] += tr.functions[k, d, i] * links_gradient[d, a]
-                    index_gradient[here] += tr.functions[k, d, i] * index_links_gradient[d, a]
     return Model(hessian, gradient, index_gradient, jacobians)
 
 
 @private
-def _add_torques(slopes: Array, bends: Array, jacobian: Array, links_gradient: Array, curvature: Array) -> None:
-    """Add first and (without the torques' own curvature) second derivatives of a function of the torques."""
-    n = slopes.shape[0]
-    for j in range(n):
-        if slopes[j] == 0.0 and bends[j] == 0.0:
-            continue
-        for d in range(3):
-            for a in range(n):
-                links_gradient[d, a] += slopes[j] * jacobian[j, d, a]
-                scaled = bends[j] * jacobian[j, d, a]
-                for e in range(3):
-                    for b in range(n):
-                        curvature[d, a, e, b] += scaled * jacobian[j, e, b]
-
-
-@private
-def _condense(functions: Array, first: int, orders: int, curvature: Array, hessian: Array) -> None:
-    """Add one instant's second derivatives, by the unknowns, to the banded matrix."""
-    support, n = functions.shape[1], curvature.shape[1]
-    band = hessian.shape[1] - 1
-    row = np.empty((orders, n))
+def _condense(functions: Array, first: int, curvature: Array, row: Array, hessian: Array) -> None:
+    """Add one instant's second derivatives, by the unknowns, to the banded matrix; ``row`` is scratch."""
+    support, band, width = functions.shape[1], hessian.shape[1] - 1, curvature.shape[0]
+    n = hessian.shape[1] // support
+    orders = width // n
     for i in range(support):
         for a in range(n):
             here = (first + i) * n + a
-            for e in range(orders):
-                for b in range(n):
-                    total = 0.0
-                    for d in range(orders):
-                        total += functions[d, i] * curvature[d, a, e, b]
-                    row[e, b] = total
+            for c in range(width):
+                row[c] = functions[0, i] * curvature[a, c]
+            for d in range(1, orders):
+                for c in range(width):
+                    row[c] += functions[d, i] * curvature[d * n + a, c]
             for other in range(i + 1):
-                column = (first + other) * n - here + band
+                column = band - (i - other) * n - a
                 for b in range(n if other < i else a + 1):
                     total = 0.0
                     for e in range(orders):
-                        total += row[e, b] * functions[e, other]
+                        total += row[e * n + b] * functions[e, other]
                     hessian[here, column + b] += total

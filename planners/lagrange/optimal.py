@@ -1,10 +1,10 @@
 """The default Lagrange planner: least joint torque between two joint states in a given time, within every limit.
 
-The motion is the interpolation of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the Lagrange
-Interpolation Method" (eq 8, 9) on Chebyshev-Lobatto nodes in barycentric form, with angle and velocity exact at both
-ends. In place of the paper's grid search there is a compiled interior point method with exact derivatives, from several
-starts. Every plan is checked on a dense grid with exact inverse dynamics, and planned again within tighter limits where
-it exceeds one.
+The search is among the interpolations of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the
+Lagrange Interpolation Method" (eq 8, 9) on Chebyshev-Lobatto nodes in barycentric form, with angle and velocity exact
+at both ends. In place of the paper's grid search there is a compiled interior point method with exact derivatives, from
+several starts; the best ones are refined by splines. Every plan is checked on a dense grid with exact inverse dynamics,
+and planned again within tighter limits where it exceeds one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from planners.checks import require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import Curve, JointMove, Objective, torque_rate
 from planners.lagrange.least_time import holdable, joint_time, late, too_late
-from planners.lagrange.multistart import Fit, least_torque, polished
+from planners.lagrange.multistart import Fit, least_torque
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
@@ -73,7 +73,7 @@ def plan_optimal(
     *,
     objective: Objective = "PI1",
     nodes: int = NODES,
-    polish: bool = False,
+    polish: bool = True,
     elbow: Elbow = "best",
     rendezvous_time: float | None = None,
     clamp_acceleration: bool | None = None,
@@ -89,8 +89,9 @@ def plan_optimal(
     Args:
         problem: the start, the target and the limits.
         objective: ``"PI1"``, the integral of sum abs(tau) (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
-        nodes: of the interpolation, both ends included.
-        polish: improve the plan on a dense transcription, 150 stages of linear acceleration.
+        nodes: of the interpolation where the plan is not polished, both ends included.
+        polish: refine the coarse interpolation by cubic splines (90 stages of linear acceleration, 150 under gravity),
+            whose torques can switch, in place of one with more nodes.
         elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.
         rendezvous_time: when to meet a moving target, s; by default 1.25 times the earliest time found, but half a
             second before the horizon if possible.
@@ -177,8 +178,7 @@ def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> floa
 
 
 def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
-    fit = least_torque(moves, settings.objective, settings.degree, settings.guess)
-    return polished(fit, settings.objective) if fit is not None and settings.polish else fit
+    return least_torque(moves, settings.objective, settings.degree, settings.guess, polish=settings.polish)
 
 
 def _require_within_limits(move: JointMove, side: int, reason: str, most: float) -> None:
@@ -197,5 +197,5 @@ def _sample(fit: Fit) -> Motion:
 
 def _with_cost(trajectory: Trajectory, settings: Settings) -> Trajectory:
     cost = float(np.trapezoid(torque_rate(trajectory.tau, settings.objective), trajectory.t))
-    name = f"{_PLANNER}, polished" if settings.polish else _PLANNER
+    name = _PLANNER if settings.polish else f"{_PLANNER}, not polished"
     return replace(trajectory, cost=cost, planner=name)

@@ -20,7 +20,12 @@ from planners.lagrange.interpolation import (
 )
 from planners.lagrange.joint_move import JointMove
 from planners.lagrange.newton import TorqueTask, evaluate, index, newton_model
-from planners.lagrange.torque_derivatives import add_torque_curvature_single, torque_jacobian_single, torques_single
+from planners.lagrange.torque_derivatives import (
+    add_torque_curvature_single,
+    torque_jacobian_single,
+    torques_single,
+    turn_couplings,
+)
 from planners.lagrange.transcription import Basis, Ends, fit, lagrange_basis, motion, spline_basis, transcribe
 from planners.typing import Array
 
@@ -131,14 +136,20 @@ def test_torque_and_its_derivatives(arm: Arm) -> None:
 
     def jacobian(links: Array) -> Array:
         rows = np.empty((n, 3, n))
-        torque_jacobian_single(*constants, links, rows)
+        torque_jacobian_single(constants[1], links, *turned(links), rows)
         return rows
+
+    def turned(links: Array) -> Array:
+        pair = np.empty((2, n, n))
+        turn_couplings(constants[0], links, *pair)
+        return pair
 
     for _ in range(10):
         links, factors = rng.normal(size=(3, n)) * 2.0, rng.normal(size=n)
         np.testing.assert_allclose(torque(links), arm.inverse_dynamics(*relative(links)), atol=1e-12)
-        curvature = np.zeros((4, n, 4, n))
-        add_torque_curvature_single(*constants, links, factors, curvature)
+        flat = np.zeros((4 * n, 4 * n))
+        add_torque_curvature_single(constants[1], links, *turned(links), factors, flat)
+        curvature = flat.reshape(4, n, 4, n)
         assert not curvature[3].any()
         for d in range(3):
             for j in range(n):

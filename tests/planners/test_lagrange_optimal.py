@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
 
 from envs.min_torque_move.moves import LEAST_SHARE, MOST_SHARE, SHORTEST, random_move, random_moves
 from planners import (
@@ -94,14 +93,14 @@ def plan_or_reason(problem: MotionProblem, **options: Any) -> Trajectory | str:
 def test_the_papers_move(objective: str, power: int, most: float, dense: float) -> None:
     """Published: 3.70 N m s by the paper's grid search from rest to rest; the quintic takes 5.50 (PI2 17.57)."""
     problem = paper_move()
-    plan = lagrange.plan(problem, objective=objective)
+    plan = lagrange.plan(problem, objective=objective, polish=False)
     assert_moves(problem, plan, np.array([1.0, 0.0, 0.0]))
     assert plan.cost <= most
-    polished = lagrange.plan(problem, objective=objective, polish=True)
+    polished = lagrange.plan(problem, objective=objective)
     assert_moves(problem, polished, np.array([1.0, 0.0, 0.0]))
     assert polished.cost <= dense
     for found in (plan, polished):
-        spent = quad(lambda t, found=found: integrand(problem, found, power, t), 0.0, 1.0, limit=500, epsabs=5e-4)[0]
+        spent = np.mean([integrand(problem, found, power, t) for t in (np.arange(4000) + 0.5) / 4000])  # in 1 s
         assert found.cost == pytest.approx(spent, rel=1e-3)
 
 
@@ -112,7 +111,7 @@ def test_each_objective_is_the_better_at_its_own_index() -> None:
 
 
 def test_more_nodes_do_better() -> None:
-    costs = [lagrange.plan(paper_move(), objective="PI2", nodes=nodes).cost for nodes in (11, 15, 21, 31)]
+    costs = [lagrange.plan(paper_move(), objective="PI2", nodes=nodes, polish=False).cost for nodes in (11, 15, 21, 31)]
     assert costs == sorted(costs, reverse=True)
 
 
@@ -126,9 +125,9 @@ def test_vertical_plane() -> None:
 
 
 def test_plans_are_bitwise_the_same() -> None:
-    first = lagrange.plan(paper_move(), polish=True)
+    first = lagrange.plan(paper_move())
     lagrange.plan(paper_move(arm=VERTICAL))
-    again = lagrange.plan(paper_move(), polish=True)
+    again = lagrange.plan(paper_move())
     for name in ("t", "q", "qd", "qdd", "tau"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
 
@@ -139,7 +138,7 @@ def test_plans_are_bitwise_the_same() -> None:
 def test_plans_are_close_to_the_best_known() -> None:
     count, known = 20, json.loads(BEST_KNOWN.read_text())
     problems = random_moves(count, known["seed"])
-    for polish, most in ((False, 1.15), (True, 1.03)):
+    for polish, most in ((False, 1.15), (True, 1.005)):
         plans = [lagrange.plan(problem, polish=polish) for problem in problems]
         ratios = np.array([plan.cost for plan in plans]) / np.array(known["random_PI1"][:count])
         assert np.median(ratios) <= most
@@ -365,7 +364,7 @@ def test_the_independent_search_comes_close_on_a_coarse_mesh(power: int) -> None
     problem = paper_move()
     q, qd, qdd = np.random.default_rng(2).normal(size=(3, 20, 3))
     np.testing.assert_allclose(np.array(torques(VERTICAL)(q.T, qd.T, qdd.T)).T, VERTICAL.inverse_dynamics(q, qd, qdd))
-    plan = lagrange.plan(problem, objective=f"PI{power}")
+    plan = lagrange.plan(problem, objective=f"PI{power}", polish=False)
     q = plan.at(np.linspace(0.0, 1.0, COARSE + 1))[0]
     index, load = assess(problem, minimise(problem, COARSE, power, q), COARSE, power)
     assert index == pytest.approx(plan.cost, rel=0.15)
