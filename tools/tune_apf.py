@@ -8,6 +8,7 @@ Ctrl-C ends the search and keeps the best gains so far.
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import warnings
@@ -111,7 +112,8 @@ def main(options: TuneOptions) -> None:
         "confirmed_score_before": confirmed_before,
         "versions": versions(),
     }
-    write_json(options.out, {"recipe": recipe, "gains": asdict(search.gains)})
+    stored = json.loads(GAINS_FILE.read_text())
+    write_json(options.out, stored | {"recipe": recipe, "gains": asdict(search.gains)})
     note(f"stored in {options.out}")
 
 

@@ -90,7 +90,7 @@ class DodgingExpert(Expert):
         super().__init__(task)
         self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
         self._discs = task.config.num_obstacles
-        self._gains = gains or in_units(tuned_gains(), task.scale)
+        self._gains = gains or in_units(tuned_gains(self._discs), task.scale)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
         seen = self.task.layout.parse(observations)

@@ -133,7 +133,8 @@ def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: f
             return reach(arm, q, qd, goal, problem.horizon - t, period)
 
         return rest_in_time
-    hand, gains, discs = target.position[None], tuned_gains(), problem.obstacles
+    discs = problem.obstacles
+    hand, gains = target.position[None], tuned_gains(len(discs))
     memory = new_memory(1, len(discs))
     positions = np.array([disc.position for disc in discs]).reshape(-1, 2)
     velocities = np.array([disc.velocity for disc in discs]).reshape(-1, 2)

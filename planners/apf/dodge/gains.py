@@ -104,6 +104,7 @@ def make_instants(gains: DodgeGains) -> NDArray[Any]:
 
 
 @cache
-def tuned_gains() -> DodgeGains:
-    """The best gains known for ObstacleDodge-v0; see ``tools/tune_apf.py``."""
-    return DodgeGains(**json.loads(GAINS_FILE.read_text())["gains"])
+def tuned_gains(discs: int = 1) -> DodgeGains:
+    """The best gains known for ObstacleDodge-v0 with so many discs; see ``tools/tune_apf.py``."""
+    stored = json.loads(GAINS_FILE.read_text())
+    return DodgeGains(**(stored["gains"] | (stored["several_discs"] if discs > 1 else {})))
