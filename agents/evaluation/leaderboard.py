@@ -1,4 +1,4 @@
-"""The leaderboard: results of several policies on one task as a table, beside the bound and published figures."""
+"""The leaderboard: results of several policies on one task as a table, beside best known and published values."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class TaskResult:
         return None if self.lower is None or np.isnan(self.lower).any() else self.lower
 
     def summarise(self, evaluation: Evaluation) -> dict[str, Estimate]:
-        """`summarise`, and the median of how much worse than the bound each episode is, where the bound is known."""
+        """`summarise`, and the median of how much worse an episode is than its best known value, if one is known."""
         estimates = summarise(evaluation)
         if self.bounded is not None:
             bound, values = self.bounded
@@ -79,14 +79,19 @@ class TaskResult:
 def leaderboard(result: TaskResult) -> Table:
     """The table of one task, best policy first."""
     metrics, bounded = result.card.metrics, result.bounded
-    headers = ["policy", "success (%)", *(metric.title for metric in metrics), *(["over bound"] if bounded else [])]
+    headers = [
+        "policy",
+        "success (%)",
+        *(metric.title for metric in metrics),
+        *(["over best known"] if bounded else []),
+    ]
     headers += ["limit ratio", "broken (%)", "return", "plan (ms)", "step (us)"]
     rows = [list(_policy_cells(result, each, result.summarise(each))) for each in result.ranked]
     references: list[tuple[str, str, str, float]] = []
     if bounded is not None:
         bound, values = bounded
         reachable = share_text(statistics.rate(np.isfinite(values)))
-        references.append(("bound", reachable, bound.metric, statistics.median(values).value))
+        references.append(("best known", reachable, bound.metric, statistics.median(values).value))
         if result.certified is not None:
             references.append(("lower bound", "", bound.metric, statistics.median(result.certified).value))
     if result.task.published is not None:
@@ -101,7 +106,7 @@ def leaderboard(result: TaskResult) -> Table:
         headers,
         rows,
         " ".join(_caption(result)),
-        foremost=("success (%)", *([primary.title] if primary else []), "over bound", "broken (%)", "return"),
+        foremost=("success (%)", *([primary.title] if primary else []), "over best known", "broken (%)", "return"),
         brief="Success and return with 95 % intervals, all else medians.",
     )
 
@@ -131,7 +136,7 @@ def _caption(result: TaskResult) -> Iterator[str]:
     if result.bounded is not None:
         bound, values = result.bounded
         which = "" if len(values) == len(result.seeds) else f" (the first {len(values)})"
-        yield f"Bound: {bound.meaning}, from the same starts{which}; over bound: the difference."
+        yield f"Best known: {bound.meaning}, from the same starts{which}; over best known: the difference."
         if result.certified is not None:
             yield "Lower bound: proven, no motion is better; its median."
     timing = sum((evaluation.timing for evaluation in result.evaluations), Timing())

@@ -47,7 +47,7 @@ class Chart:
         self._places = {each.policy: place for place, each in enumerate(task.policies)}
 
     def points(self, quantity: Quantity) -> Node:
-        """A row a policy: its estimate with the interval, and the bound as a line."""
+        """A row a policy: its estimate with the interval, and the best known value as a line."""
         rows = [(each.policy, quantity.of(each)) for each in self._task.policies]
         shown = [(name, estimate) for name, estimate in rows if estimate is not None]
         lines = [value for value in (quantity.bound, quantity.published) if value is not None]
@@ -60,7 +60,7 @@ class Chart:
         axis = Axis(low, high, left, right)
         top, bottom = 24.0, 24.0 + _ROW * len(shown)
         parts = [*x_axis(axis, top, bottom, "")]
-        for value, name in ((quantity.bound, "bound"), (quantity.published, "paper")):
+        for value, name in ((quantity.bound, "best known"), (quantity.published, "paper")):
             if value is not None:
                 parts += reference_line(axis, value, name, top, bottom, f"{name}: {quantity.text(value)}")
         for row, ((name, estimate), text) in enumerate(zip(shown, texts, strict=True)):
@@ -120,7 +120,7 @@ class Chart:
         parts = [*x_axis(axis, 12.0, 236.0, f"{metric.title}: \u03c4"), *y_axis(share, axis, percent=True)]
         sign = "\u2264" if metric.lower_is_better else "\u2265"
         for curve in curves:
-            reference = curve.name == "bound" and curve is curves[-1] and curve.name not in self._places
+            reference = curve.name == "best known" and curve is curves[-1] and curve.name not in self._places
             band, line = (
                 steps(axis, share, curve.values, curve.low, curve.high),
                 steps(axis, share, curve.values, curve.share),
@@ -153,8 +153,10 @@ class Chart:
         if quantity.bound is not None:
             y = score.place(quantity.bound)
             taken += [(axis.start, y - 2.0, axis.end, y + 2.0), (axis.end - 40.0, y - 16.0, axis.end, y)]
-            parts.append(node("line", title_of("bound"), x1=axis.start, x2=axis.end, y1=y, y2=y, class_="reference"))
-            parts.append(write("bound", axis.end - 2.0, y - 4.0, "end", "small"))
+            parts.append(
+                node("line", title_of("best known"), x1=axis.start, x2=axis.end, y1=y, y2=y, class_="reference")
+            )
+            parts.append(write("best known", axis.end - 2.0, y - 4.0, "end", "small"))
         dots = []
         for each in shown:
             value, x = each.score.value, axis.place(max(each.action_us, axis.low))

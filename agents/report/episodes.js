@@ -120,7 +120,7 @@ export class Episodes {
     const shown = [...wanted.policies, ...others];
     const bound = task.bound?.key === quantity.key ? task.bound.values : null;
     const recorded = new Set(task.replays?.seeds ?? []);
-    const heads = ["seed", ...(second === undefined ? [] : ["difference"]), ...shown.map((place) => task.policies[place].name), ...(bound ? ["bound"] : [])];
+    const heads = ["seed", ...(second === undefined ? [] : ["difference"]), ...shown.map((place) => task.policies[place].name), ...(bound ? ["best known"] : [])];
     const rows = worstFirst(task, wanted.policies, quantity).slice(0, MOST_ROWS).map((episode) => {
       const seed = task.seeds[episode];
       const link = make("a", { href: address(wanted, seed) }, String(seed), recorded.has(seed) ? " \u25b6" : "");

@@ -114,7 +114,7 @@ def _prepare(axes: Axes) -> None:
 def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axes: Axes) -> None:
     rows = [(each.policy, quantity.of(each)) for each in task.policies]
     shown = [(name, estimate) for name, estimate in rows if estimate is not None]
-    lines = [("bound", quantity.bound, "--"), ("paper", quantity.published, ":")]
+    lines = [("best known", quantity.bound, "--"), ("paper", quantity.published, ":")]
     known = [value for _, value, _ in lines if value is not None]
     numbers = [(each.low, each.value, each.high) for _, each in shown]
     low, high = (0.0, 100.0) if quantity.share else span(numbers, known)
@@ -192,7 +192,7 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
     bounds = [] if quantity.bound is None else [quantity.bound]
     low, high = span([(each.score.low, each.score.value, each.score.high) for each in shown], bounds)
     for value in bounds:
-        axes.axhline(value, color="black", linewidth=0.9, linestyle="--", label="bound")
+        axes.axhline(value, color="black", linewidth=0.9, linestyle="--", label="best known")
     for each in shown:
         color, score = colors[each.policy.policy], each.score
         beyond = not low <= score.value <= high

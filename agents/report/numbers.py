@@ -112,7 +112,7 @@ def quantities(task: TaskScores) -> list[Quantity]:
 
 
 def profiles(task: TaskScores) -> list[Profile]:
-    """The profile of every policy in the primary metric, best first, and last that of the bound, if there is one."""
+    """The profile of every policy in the primary metric, best first, and last that of the best known values."""
     metric = task.primary
     if metric is None:
         return []
@@ -123,7 +123,7 @@ def profiles(task: TaskScores) -> list[Profile]:
         made.append(_profile(policy.policy, values, metric))
     bounds = task.bounds
     if bounds is not None and bounds[0].key == metric.key:
-        made.append(_profile("bound", np.array(list(bounds[1].values())), metric))
+        made.append(_profile("best known", np.array(list(bounds[1].values())), metric))
     return made
 
 

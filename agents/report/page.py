@@ -211,7 +211,7 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
 
 
 def _in_short(task: TaskScores, columns: Sequence[Quantity], number: int) -> list[Node | str]:
-    """A sentence: the best policy, how far it comes, and the bound."""
+    """A sentence: the best policy, how far it comes, and the best known value."""
     best = task.policies[0]
     parts: list[Node | str] = ["Best by success, then by return: ", node("strong", best.policy)]
     for column in columns[: 2 if task.primary else 1]:
@@ -222,7 +222,7 @@ def _in_short(task: TaskScores, columns: Sequence[Quantity], number: int) -> lis
             parts += [f", {name} ", link]
     bound = next((column for column in columns if column.bound is not None), None)
     if bound is not None and bound.bound is not None:
-        parts.append(f"; bound {bound.text(bound.bound)}{_split(bound.title)[1]}")
+        parts.append(f"; best known {bound.text(bound.bound)}{_split(bound.title)[1]}")
     return [*parts, "."]
 
 
@@ -235,13 +235,13 @@ def _split(title: str) -> tuple[str, str]:
 def _legend(task: TaskScores, colors: Mapping[str, int]) -> Node:
     """Which colour is which policy."""
     names = [node("li", node("span", class_=f"chip p{colors[each.policy]}"), each.policy) for each in task.policies]
-    bound = node("li", node("span", class_="dashes"), "bound") if task.bounds is not None else None
+    bound = node("li", node("span", class_="dashes"), "best known") if task.bounds is not None else None
     return node("ul", *names, bound, class_="legend", aria_hidden="true")
 
 
 def _caption(task: TaskScores) -> str:
     meaning = task.bound_meaning
-    bound = f" Bound: {meaning}, from the same starts; the median." if task.bounds is not None and meaning else ""
+    bound = f" Best known: {meaning}, from the same starts; the median." if task.bounds is not None and meaning else ""
     return (
         "Shares with Wilson's 95 % interval; return: interquartile mean with its 95 % bootstrap interval; all else: "
         f"medians. A dash: infinite, or not defined, in the median episode.{bound}"

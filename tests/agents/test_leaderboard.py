@@ -69,7 +69,7 @@ def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:
         [cell.strip() for cell in line.strip("| ").split("|")] for line in text.splitlines() if line.startswith("|")
     ]
     table = {row[0]: dict(zip(rows[0], row, strict=False)) for row in rows[2:]}
-    assert list(table) == ["soon", "late", "lost", "bound", "paper"]  # success first, the return second
+    assert list(table) == ["soon", "late", "lost", "best known", "paper"]  # success first, the return second
     assert table["soon"]["success (%)"] == "100 (51-100)"
     assert table["soon"]["settled (s)"] == "1.300"
     assert table["soon"]["error (mm)"] == "0.200"
@@ -77,8 +77,8 @@ def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:
     assert table["late"]["return"] == "0.500 (0.500 to 0.500)"
     assert table["soon"]["plan (ms)"] == "5.000"
     assert table["soon"]["step (us)"] == "2.000"
-    assert table["lost"]["settled (s)"] == table["lost"]["over bound"] == "never"
-    assert table["bound"]["settled (s)"] == "1.000"
+    assert table["lost"]["settled (s)"] == table["lost"]["over best known"] == "never"
+    assert table["best known"]["settled (s)"] == "1.000"
     assert table["paper"]["settled (s)"] == "1.100"
     assert "the environment takes 5.0 us" in text
     assert "(the first 3)" in text

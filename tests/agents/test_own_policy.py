@@ -182,7 +182,7 @@ def test_an_agent_is_scored_under_its_own_settings_wherever_it_is_named() -> Non
 
 def test_compare_and_leaderboard_give_tables_pairs_and_json(tmp_path: Path) -> None:
     board = agents.leaderboard(["dpct", "random"], [ENV], episodes=3, bound_episodes=2, seed=5)
-    assert "over bound" in str(board)
+    assert "over best known" in str(board)
     assert board.pairs == []  # two experts
     board.to_json(tmp_path / "board.json")
     (task,) = json.loads((tmp_path / "board.json").read_text())["results"]

@@ -46,7 +46,7 @@ def test_a_profile_is_the_empirical_distribution_of_the_successes(tasks: list[Ta
 
 def test_the_bound_has_a_profile_of_its_own_seeds(tasks: list[TaskScores]) -> None:
     bound = profiles(tasks[0])[-1]
-    assert bound.name == "bound"
+    assert bound.name == "best known"
     assert bound.share[-1] == 1.0
     assert tasks[0].bounds is not None
     assert list(tasks[0].bounds[1]) == [0, 1, 2, 3]
