@@ -141,7 +141,7 @@ class TaskCard:
         constant_entries: entries of the observation that may stay constant over an episode with default settings.
         picture: what figures show.
         controls: what a spectator may change while an episode runs.
-        levels: difficulty levels by name, from the easiest for the best expert to the hardest.
+        levels: difficulty levels by name, in the order of tables: harder tasks, then uncertainty, all of it last.
     """
 
     metrics: tuple[Metric, ...]
