@@ -56,7 +56,7 @@ class ObserverSettings:
     alike: bool = False
     payload: float = 0.0
     friction: tuple[float, float] = (0.0, 0.0)
-    unmodelled: float = 0.02
+    unmodelled: float = 0.003
 
     @property
     def waiting(self) -> int:

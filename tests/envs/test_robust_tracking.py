@@ -49,6 +49,18 @@ def test_plans_are_tracked_with_lighter_links(name: str) -> None:
     assert share(MOVE, name, mass_error=-0.1) >= share(MOVE, name, filtered=False, mass_error=-0.1) + 0.3
 
 
+def test_the_belt_is_met_with_noisy_encoders() -> None:
+    settings: dict[str, Any] = {"encoder_noise": 1e-3, "position_tolerance": 2e-3, "velocity_tolerance": 4e-3}
+    assert share("ConveyorTrack-v0", "lagrange", **settings) >= 5 / 6
+    assert share("ConveyorTrack-v0", "lagrange", filtered=False, **settings) == 0.0
+
+
+def test_discs_are_dodged_in_spite_of_latency() -> None:
+    settings: dict[str, Any] = {"latency": 0.04}
+    assert share("ObstacleDodge-v0", "apf", **settings) >= 5 / 6
+    assert share("ObstacleDodge-v0", "apf", filtered=False, **settings) <= 0.5
+
+
 def test_masses_and_friction_are_estimated() -> None:
     env: Any = gym.make(MOVE, mass_error=(-0.1, 0.1), viscous_friction=0.1)
     expert = envs.make_expert("apf", env)
