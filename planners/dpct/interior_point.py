@@ -132,11 +132,13 @@ def solve(
         # Newton's step: the quadratic model by (z, T, j) of each stage, solved over the stages (eq 29, 30)
         barrier = centring * gap
         _index_model(position_cost, velocity_cost, z, control, time, weight_time, weight_error, hessian, linear)
-        barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
+        barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear, 5)
         basis = _start_basis(tracking, time, acceleration, free_time)
         steps, start_step = solve_stages(tracking.durations, hessian, linear, z[stages], basis)
         # as far as slacks, multipliers and T may go
-        primal, dual_length = slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
+        primal, dual_length = slack_steps(
+            bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step, 5
+        )
         if free_time:
             time_step = start_step[0]
             primal = min(primal, max_time_change * time / max(abs(time_step), 1e-300))
@@ -267,9 +269,9 @@ def barrier_model(
     barrier: float,
     hessian: Array,
     linear: Array,
+    size: int,
 ) -> None:
-    """Adds the constraints, with slacks and multipliers eliminated."""
-    size = gradient.shape[2]
+    """Adds the constraints, with slacks and multipliers eliminated; ``size`` is that of a gradient."""
     for k in range(bounded.shape[0]):
         for row in range(bounded.shape[1]):
             weight = pull = 0.0
@@ -314,10 +316,10 @@ def slack_steps(
     steps: Array,
     slack_step: Array,
     dual_step: Array,
+    size: int,
 ) -> tuple[float, float]:
     """Steps of slacks and multipliers (written), and how far each may go without leaving the positive side."""
     primal = dual_length = 1.0 / BOUNDARY_FRACTION
-    size = gradient.shape[2]
     for k in range(bounded.shape[0]):
         for row in range(bounded.shape[1]):
             change = 0.0

@@ -81,7 +81,7 @@ def solve(
                 hessian[k, i, i] = smooth
                 linear[k, i] = smooth * control[k, i - 3 * n - 1]
         barrier = centring * gap
-        barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear)
+        barrier_model(bounded, value, gradient, slack, dual, barrier, hessian, linear, size)
         basis = np.zeros(3 * n + 1)
         if free_time:
             for i in range(n):
@@ -89,7 +89,9 @@ def solve(
                 basis[3 * i + 2] = 2.0 * time * (chase.start[2, i] - chase.ride[0, 2, i])
             basis[3 * n] = 1.0
         steps = _solve_stages(chase.durations, hessian, linear, z[stages], basis)
-        primal, dual_length = slack_steps(bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step)
+        primal, dual_length = slack_steps(
+            bounded, value, gradient, slack, dual, barrier, steps, slack_step, dual_step, size
+        )
         time_step = steps[0, 3 * n]
         primal = min(primal, largest_change * time / max(abs(time_step), 1e-300))
         time += primal * time_step
