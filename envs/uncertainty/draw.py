@@ -135,6 +135,8 @@ class Uncertainty:
 
     def write(self, record: Any, drawn: tuple[Array, int] | None) -> None:
         """Write what is true of an episode; of its numbers only those are used that have a range."""
+        if drawn is None and record["mass_scale"][0] > 0.0:
+            return  # the same in every episode, and written for the first one
         numbers, key = drawn or (np.zeros(len(DRAWN) + self._arm.n_joints), 0)
         for (name, (low, high)), share in zip(self.ends.items(), numbers.tolist()[: len(DRAWN)], strict=True):
             record[name] = low + share * (high - low)
