@@ -108,7 +108,8 @@ def _complaint(error: Mapping[str, Any]) -> str:
     place = ".".join(map(str, error["loc"]))
     if error["type"] == "value_error" and isinstance(error["input"], Mapping):
         return f"{place:.120}: {error['ctx']['error']}" if place else str(error["ctx"]["error"])
-    return f"{place:.120} = {brief(error['input'])}: {error['msg']:.300}"
+    message = str(error["ctx"]["error"]) if error["type"] == "value_error" else error["msg"]
+    return f"{place:.120} = {brief(error['input'])}: {message:.300}"
 
 
 def _cells(name: str, field: FieldInfo, meaning: str) -> tuple[str, str, str, str]:

@@ -7,12 +7,14 @@ critics; a policy does not observe it, and `Task.arm` stays the nominal arm.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from envs.physics.rigid_bodies import whole_multiple
 from envs.uncertainty.kernels import DELAY, FRICTION, LONGEST_DELAY, PLACE_TRUE
@@ -21,9 +23,12 @@ from planners.robot.arm import Arm
 from planners.typing import Array
 
 
-def _ordered(value: Any) -> Any:
-    if isinstance(value, tuple) and value[0] > value[1]:
-        raise ValueError(f"a range is [low, high]; turn it round: [{value[1]:g}, {value[0]:g}]")
+def _number_or_range(value: Any) -> Any:
+    numbers = value if isinstance(value, list | tuple) and len(value) == 2 else [value]
+    if not all(isinstance(number, Real) and math.isfinite(number) for number in numbers):
+        raise ValueError("must be a finite number, or a range [low, high] of them")
+    if numbers[0] > numbers[-1]:
+        raise ValueError(f"a range is [low, high]; turn it round: [{numbers[1]:g}, {numbers[0]:g}]")
     return value
 
 
@@ -36,11 +41,11 @@ def _within(low: float, high: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-Number = float | tuple[float, float]
+Number = Annotated[float | tuple[float, float], BeforeValidator(_number_or_range)]
 """A number, or the ends of the range from which it is drawn for each episode."""
-MassError = Annotated[Number, AfterValidator(_ordered), _within(-0.9, 9.0)]
-Payload = Annotated[Number, AfterValidator(_ordered), _within(0.0, 10.0)]
-Positive = Annotated[Number, AfterValidator(_ordered), _within(0.0, 1e6)]
+MassError = Annotated[Number, _within(-0.9, 9.0)]
+Payload = Annotated[Number, _within(0.0, 10.0)]
+Positive = Annotated[Number, _within(0.0, 1e6)]
 
 DRAWN = (
     "payload",
