@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.lagrange.banded import factorise, substitute
 from planners.lagrange.interpolation import (
     differentiation_matrices,
     evaluation_matrix,
@@ -74,7 +75,7 @@ def lagrange_basis(degree: int, clamp_acceleration: bool, points: int, *, unifor
     s = np.linspace(0.0, 1.0, points) if uniform else lobatto_nodes(points - 1)
     weights = _trapezoid(points) if uniform else lobatto_quadrature(points - 1)
     matrices = differentiation_matrices(degree, ORDERS - 1)
-    values = np.stack([evaluation_matrix(degree, s) @ matrix for matrix in matrices], axis=1)
+    values = np.stack([_product(evaluation_matrix(degree, s), matrix) for matrix in matrices], axis=1)
     return _clamp(values, s, weights, degree + 1, clamp_acceleration)
 
 
@@ -115,8 +116,7 @@ def motion(transcription: Transcription, unknowns: Array) -> Array:
 def fit(basis: Basis, transcription: Transcription, q: Array) -> Array:
     """Unknowns whose motion is closest to joint angles ``q`` ``(points, n)`` at the instants, by least squares."""
     remainder = np.cumsum(q, axis=1) - transcription.base[:, 0]
-    unknowns: Array = basis.fitting @ remainder
-    return unknowns
+    return _product(basis.fitting, remainder)
 
 
 def _trapezoid(points: int) -> Array:
@@ -137,10 +137,29 @@ def _clamp(values: Array, s: Array, weights: Array, count: int, clamp_accelerati
     given = np.r_[0:orders, 3 : 3 + orders]
     conditions = np.concatenate([values[0, :orders], values[-1, :orders]])
     inverse = np.linalg.inv(conditions[:, dependent])
-    functions = values[:, :, free] - values[:, :, dependent] @ (inverse @ conditions[:, free])
+    functions = values[:, :, free] - _product(values[:, :, dependent], _product(inverse, conditions[:, free]))
     ends = np.zeros((len(s), ORDERS, 6))
-    ends[:, :, given] = values[:, :, dependent] @ inverse
-    return Basis(s, weights, *_localise(functions), ends, np.linalg.pinv(functions[:, 0]))
+    ends[:, :, given] = _product(values[:, :, dependent], inverse)
+    return Basis(s, weights, *_localise(functions), ends, _least_squares_inverse(functions[:, 0]))
+
+
+def _product(left: Array, right: Array) -> Array:
+    """``left @ right`` without BLAS, whose rounding depends on the number of its threads."""
+    product: Array = np.einsum("...ij,jk->...ik", left, right)
+    return product
+
+
+def _least_squares_inverse(functions: Array) -> Array:
+    """The inverse ``(count, points)`` of functions ``(points, count)``, by their normal equations; see `_product`."""
+    count = functions.shape[1]
+    normal, factor = _product(functions.T, functions), np.zeros((count, count))
+    for i in range(count):
+        factor[i, count - 1 - i :] = normal[i, : i + 1]  # the diagonal last, as `factorise` reads it
+    factorise(factor)
+    columns = np.ascontiguousarray(functions)
+    for column in columns:
+        substitute(factor, column)
+    return np.ascontiguousarray(columns.T)
 
 
 def _localise(functions: Array) -> tuple[NDArray[np.int64], Array]:
