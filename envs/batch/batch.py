@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.batch.pool import NOTHING_TOLD, RESTING, Words, job_of, work, work_on_all
+from envs.batch.pool import NO_PURPOSE, RESTING, Words, job_of, work, work_on_all
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
 from envs.physics.episode import EntryPoint
@@ -147,6 +147,6 @@ class Batch:
         """A kernel of the task, which works on the records."""
         if name not in self._jobs:
             kernel = getattr(self._kernels, name)
-            kernel, told = kernel if isinstance(kernel, EntryPoint) else (kernel, NOTHING_TOLD)
-            self._jobs[name] = job_of(kernel, self.records, self.model, told)
+            kernel, purpose = kernel if isinstance(kernel, EntryPoint) else (kernel, NO_PURPOSE)
+            self._jobs[name] = job_of(kernel, self.records, self.model, purpose)
         return self._jobs[name]

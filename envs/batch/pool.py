@@ -30,11 +30,11 @@ from planners.compiled.calls import Kernel, address_of, inlined, private
 Words = NDArray[np.int64]
 
 KERNEL, BATCH, COUNT, MODEL, WORK, RESTING = range(6)
-"""Words of a job: address of the kernel, address and number of the records, address of the model record, what the
-kernel is told to do (`NOTHING_TOLD` if it takes no such argument), and the address of a float64 for each environment
+"""Words of a job: address of the kernel, address and number of the records, address of the model record, the
+purpose of the call (`NO_PURPOSE` if the kernel takes none), and the address of a float64 for each environment
 that is not 0 if it stays as it is, or 0 if all are worked on."""
 
-NOTHING_TOLD = -1
+NO_PURPOSE = -1
 JOB_SIZE = 6
 
 ENVS_PER_THREAD = 16
@@ -83,14 +83,14 @@ def _atomic(operation: str) -> Any:
 _add, _exchange = _atomic("add"), _atomic("xchg")
 
 
-def _attempt(typing_context: Any, kernel: Any, batch: Any, count: Any, model: Any, *told: Any) -> Any:
-    """Call a kernel, ``kernel(batch, model, *told)``; the address of the error that it raises, or 0."""
+def _attempt(typing_context: Any, kernel: Any, batch: Any, count: Any, model: Any, *purpose: Any) -> Any:
+    """Call a kernel, ``kernel(batch, model, *purpose)``; the address of the error that it raises, or 0."""
     # To the calling convention, an array of records is like one of numbers.
     records = types.Array(types.float64, 1, "C")
-    given = (records, records, *[types.int64] * len(told))
+    given = (records, records, *[types.int64] * len(purpose))
 
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        address, place, length, shared, told = values
+        address, place, length, shared, purpose = values
         word = ir.IntType(64)
 
         def array(data: Any, size: Any) -> Any:
@@ -105,11 +105,11 @@ def _attempt(typing_context: Any, kernel: Any, batch: Any, count: Any, model: An
             builder.inttoptr(address, convention.get_function_type(types.void, given).as_pointer()),
             types.void,
             given,
-            [array(place, length), array(shared, word(1)), *cgutils.unpack_tuple(builder, told)],  # type: ignore[no-untyped-call]
+            [array(place, length), array(shared, word(1)), *cgutils.unpack_tuple(builder, purpose)],  # type: ignore[no-untyped-call]
         )
         return builder.select(status.is_error, builder.ptrtoint(status.excinfoptr, word), word(0))
 
-    return types.int64(kernel, batch, count, model, types.StarArgTuple.from_types([types.int64] * len(told))), build  # type: ignore[no-untyped-call]
+    return types.int64(kernel, batch, count, model, types.StarArgTuple.from_types([types.int64] * len(purpose))), build  # type: ignore[no-untyped-call]
 
 
 def _raise_error(typing_context: Any, error: Any) -> Any:
@@ -133,7 +133,7 @@ _raise: Any = intrinsic(_raise_error)
 def _work_on(words: Any, job: int, first: int, last: int) -> int:
     """Work on environments ``first`` to ``last - 1``; the address of an error, or 0."""
     kernel, batch, count, model = words[job + KERNEL], words[job + BATCH], words[job + COUNT], words[job + MODEL]
-    if words[job + WORK] == NOTHING_TOLD:
+    if words[job + WORK] == NO_PURPOSE:
         error: int = _attempted(kernel, batch, count, model, first, last)
     else:
         error = _attempted(kernel, batch, count, model, first, last, words[job + WORK])
@@ -221,14 +221,14 @@ def _help(words: Words, helper: int) -> None:
         _take_slices(words)
 
 
-def job_of(kernel: Any, records: Records, model: Records, told: int = NOTHING_TOLD) -> Words:
+def job_of(kernel: Any, records: Records, model: Records, purpose: int = NO_PURPOSE) -> Words:
     """The job of a kernel, a `planners.compiled.calls.Kernel` or what ``numba.njit`` returns, with these records."""
-    numbers = [types.int64] * (2 if told == NOTHING_TOLD else 3)
+    numbers = [types.int64] * (2 if purpose == NO_PURPOSE else 3)
     kinds = typeof(records), typeof(model), *numbers  # type: ignore[no-untyped-call]
     job = np.zeros(JOB_SIZE, np.int64)
     job[KERNEL] = kernel.address(*kinds) if isinstance(kernel, Kernel) else address_of(kernel, *kinds)
     job[BATCH], job[MODEL] = records.ctypes.data, model.ctypes.data
-    job[COUNT], job[WORK] = len(records), told
+    job[COUNT], job[WORK] = len(records), purpose
     return job
 
 

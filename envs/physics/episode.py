@@ -27,7 +27,7 @@ ADVANCE, BEGIN, REFRESH = range(3)
 
 
 class EntryPoint(NamedTuple):
-    """A kernel with what it is told to do.
+    """A kernel with its purpose, as a number.
 
     Attributes:
         kernel: ``kernel(batch, model, first, last, work)``, for environments ``first`` to ``last - 1``.

@@ -178,8 +178,8 @@ def test_the_reference_repeats_the_episode_and_knows_the_payload() -> None:
     assert bound is not None
     env = gym.make_vec(ENV_ID, num_envs=N_ENVS, autoreset_mode="SameStep", level=2).unwrapped
     env.reset(seed=list(range(N_ENVS)))
-    told = np.array([bound.optimum(env, env_index, env_index) for env_index in range(N_ENVS)])
+    given = np.array([bound.optimum(env, env_index, env_index) for env_index in range(N_ENVS)])
     kalman, _ = finish("kalman", level=2)
-    assert np.median(told) < np.median(kalman["tip_rms"])
-    # Noise may favour the one that is told less, by little.
-    assert (told < 1.2 * kalman["tip_rms"]).all()
+    assert np.median(given) < np.median(kalman["tip_rms"])
+    # Noise may favour the one that is given less, by little.
+    assert (given < 1.2 * kalman["tip_rms"]).all()

@@ -15,7 +15,7 @@ from numba import njit, types
 
 import envs  # noqa: F401  (registers the ids)
 from envs.batch import pool
-from envs.batch.pool import BATCH, COUNT, JOB_SIZE, KERNEL, MODEL, NOTHING_TOLD, WORK, Pool
+from envs.batch.pool import BATCH, COUNT, JOB_SIZE, KERNEL, MODEL, NO_PURPOSE, WORK, Pool
 from planners.compiled.calls import address_of
 
 N_ENVS = 200
@@ -56,7 +56,7 @@ def test_an_error_in_a_thread_reaches_the_caller_after_all_have_worked() -> None
     job = np.zeros(JOB_SIZE, np.int64)
     job[KERNEL] = address_of(fail_at_the_hundredth, kind, kind, types.int64, types.int64)
     job[BATCH], job[MODEL] = batch.ctypes.data, model.ctypes.data
-    job[COUNT], job[WORK] = N_ENVS, NOTHING_TOLD
+    job[COUNT], job[WORK] = N_ENVS, NO_PURPOSE
     threads = Pool(3)
     for calls in (1, 2):
         with pytest.raises(ValueError, match="no such motion"):
