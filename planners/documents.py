@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import zipfile
 from collections.abc import Hashable
 from pathlib import Path
@@ -62,7 +63,7 @@ def parse_yaml(text: str, what: str) -> Any:
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
                 raise ValueError(f"more than {DEEPEST} levels of lists and mappings")
-        return _checked(yaml.load(text, Loader=_NoKeyTwice))  # nosec B506: a SafeLoader, see below
+        return _checked(yaml.load(text, Loader=_PlainLoader))  # nosec B506: a SafeLoader, see below
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise ValueError(f"{what} is no YAML: {' '.join(str(error).split())[:_LONGEST]}") from None
 
@@ -116,13 +117,17 @@ def _checked(document: Any) -> Any:
     return document
 
 
-class _NoKeyTwice(_Loader):  # type: ignore[misc]
-    """Refuses a key that stands twice in a mapping."""
+class _PlainLoader(_Loader):  # type: ignore[misc]
+    """Refuses a key that stands twice in a mapping, and reads 1e-4 as a number, as YAML 1.2 does."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         _unique([(self.construct_object(key, deep=True), None) for key, _ in node.value])
         mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
         return mapping
+
+
+_POWER_OF_TEN = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+_PlainLoader.add_implicit_resolver("tag:yaml.org,2002:float", _POWER_OF_TEN, list("-+.0123456789"))
 
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:

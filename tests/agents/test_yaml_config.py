@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
 
 from agents.commands.benchmark import BenchmarkOptions
 from agents.evaluation.benchmark_config import BenchmarkConfig
-from agents.yaml_config import load_config, shipped_configs
+from agents.yaml_config import assigned, load_config, shipped_configs
 
 GOOD = "episodes: 3\nbound_episodes: 1\npolicies: [follower]\ntasks:\n  - env: ConveyorTrack-v0\n"
 
@@ -50,6 +51,12 @@ def test_what_is_wrong_in_a_file_is_said(config_file: Path, text: str, complaint
     config_file.write_text(text)
     with pytest.raises(ValueError, match=complaint):
         load_config(str(config_file), BenchmarkConfig)
+
+
+@pytest.mark.parametrize("number", ["1e-4", "5E-05", "[0.0, 1e-4]", "2e0", ".5e-2", "-1.e+3", "1.5e3"])
+def test_powers_of_ten_are_numbers(number: str) -> None:
+    assert assigned({}, [f"encoder_noise={number}"]) == {"encoder_noise": ast.literal_eval(number)}
+    assert assigned({}, [f"name={text}" for text in ("e5", "1e3x")]) == {"name": "1e3x"}
 
 
 def test_missing_files_and_unknown_names(tmp_path: Path) -> None:
