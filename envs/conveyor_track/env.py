@@ -19,7 +19,7 @@ from envs.physics.actuation import ControlMode
 from envs.rendering import Belt
 from envs.settings import Settings
 from envs.task import LimitSettings, Task, whole_periods
-from envs.uncertainty.draw import Positive, ends
+from envs.uncertainty.draw import Number, Positive, ends
 from planners import SCARA_1M, Arm, MotionProblem, MovingHand
 from planners.typing import Array
 
@@ -47,6 +47,8 @@ class ConveyorTrackConfig(LimitSettings):
 class ConveyorTrackOptions(Settings):
     """Options of ``reset``: what is left out is drawn (``"random"``) or the paper's (``"paper"``).
 
+    A number may also be a range ``[low, high]``, from which each episode draws its own.
+
     Attributes:
         scenario: ``"random"`` or ``"paper"``.
         belt_speed: speed of the belt at the start, along +x, m/s.
@@ -57,10 +59,10 @@ class ConveyorTrackOptions(Settings):
     """
 
     scenario: Literal["random", "paper"] = "random"
-    belt_speed: float | None = None
-    offset: float | None = None
-    line_height: float | None = None
-    hand_x: float | None = None
+    belt_speed: Number | None = None
+    offset: Number | None = None
+    line_height: Number | None = None
+    hand_x: Number | None = None
     elbow: Literal["+", "-"] | None = None
 
 
@@ -138,9 +140,11 @@ class ConveyorTrack(Task):
             given["elbow"] = 1.0 if given["elbow"] == "+" else -1.0
         if options.scenario == "paper":
             pace = min(1.0, pace_of(self._demands._replace(payload=0.0))) if self.config.arm else 1.0
-            start = placed(self.arm, PAPER_START, pace)._replace(**given)
-            require_solvable(start, self._demands)
-            return [start] * len(generators)
+            given = {**placed(self.arm, PAPER_START, pace)._asdict(), **given}
+            if not any(isinstance(value, tuple) for value in given.values()):
+                start = Start(**given)
+                require_solvable(start, self._demands)
+                return [start] * len(generators)
         return draw_starts(generators, given, self._demands)
 
     def write_start(self, record: Any, start: Start) -> None:
@@ -230,7 +234,8 @@ class ConveyorTrackEnv(PlanarArmEnv):
     0.2 m/s. Otherwise belt speed (0.05 to 0.25 m/s), D (-0.2 to 0.2 m), line height (1.5 to 1.8 m), hand position (x
     from -0.8 to -0.3 m) and elbow are drawn, from cells of a grid whose corners DPCT has solved within 97 % of all
     limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
-    `line_height`, `hand_x` and `elbow` fix any of these; a start that DPCT cannot solve is refused with its reason.
+    `line_height`, `hand_x` and `elbow` fix any of these, or give another range; a start that DPCT cannot solve is
+    refused with its reason.
 
     ## Episode end
     Truncated after `horizon` (3 s). Never terminated. Success: position error at most 1 mm and velocity error at most

@@ -74,19 +74,22 @@ def _mostly_solvable(distribution: Distribution, demands: Demands) -> bool:
     return sum(why_unsolvable(start, demands) is None for start in drawn) >= _ACCEPTED * _TRIED
 
 
-def draw_starts(generators: Sequence[np.random.Generator], given: Mapping[str, float], demands: Demands) -> list[Start]:
+def draw_starts(
+    generators: Sequence[np.random.Generator], given: Mapping[str, float | tuple[float, float]], demands: Demands
+) -> list[Start]:
     """One solvable start per generator.
 
     Args:
         generators: one per environment; the start of one does not depend on the others.
-        given: values of `Start` that are fixed; the others are drawn.
+        given: values of `Start` that are fixed, or ranges that they are drawn from; the others are drawn.
         demands: the environment.
 
     Raises:
         ValueError: if no drawn start with the given values can be solved, with DPCT's reason.
     """
-    if len(given) == len(Start._fields):
-        start = Start(**given)
+    fixed = {name: value for name, value in given.items() if not isinstance(value, tuple)}
+    if len(fixed) == len(Start._fields):
+        start = Start(**fixed)
         for generator in generators:
             generator.random(len(Start._fields))  # the same random numbers as a drawn start
         _require(start, why_unsolvable(start, demands), 1)
@@ -98,10 +101,17 @@ def draw_starts(generators: Sequence[np.random.Generator], given: Mapping[str, f
 
 
 def _draw_with(
-    generator: np.random.Generator, given: Mapping[str, float], distribution: Distribution, demands: Demands
+    generator: np.random.Generator,
+    given: Mapping[str, float | tuple[float, float]],
+    distribution: Distribution,
+    demands: Demands,
 ) -> Start:
     for _ in range(_TRIES):
-        start = distribution.draw(generator)._replace(**given)
+        drawn = distribution.draw(generator)
+        values = {
+            name: generator.uniform(*value) if isinstance(value, tuple) else value for name, value in given.items()
+        }
+        start = drawn._replace(**values)
         reason = why_unsolvable(start, demands)
         if reason is None:
             return start

@@ -104,10 +104,25 @@ class TestStart:
         assert one["part_velocity"][0] == other["part_velocity"][0] == pytest.approx(0.1)
         assert one["hand"][0] != other["hand"][0]
 
+    @pytest.mark.parametrize("scenario", ["random", "paper"])
+    def test_a_range_is_drawn_from_in_each_episode(self, scenario: str) -> None:
+        options = {"scenario": scenario, "belt_speed": [0.17, 0.22], "hand_x": (-0.8, -0.75)}
+        env = gym.make_vec("ConveyorTrack-v0", num_envs=16)
+        seen = LAYOUT.parse(env.reset(seed=3, options=options)[0])
+        for values, low, high in ((seen["part_velocity"][:, 0], 0.17, 0.22), (seen["hand"][:, 0], -0.8, -0.75)):
+            assert low <= values.min() < values.max() <= high
+            assert np.ptp(values) > 0.5 * (high - low)
+        if scenario == "paper":
+            assert seen["part"][:, 1] == pytest.approx(1.732)
+        alone = LAYOUT.parse(made().reset(seed=5, options=options)[0])
+        assert alone["part"] == pytest.approx(seen["part"][2], abs=0.0)  # the same start by itself
+
     @pytest.mark.parametrize(
         ("options", "reason"),
         [
             ({"line_height": 2.5}, "2.5"),
+            ({"line_height": [1.7, 1.6]}, r"turn it round: \[1.6, 1.7\]"),
+            ({"belt_speed": [3.0, 4.0]}, "no_window.*joint"),
             ({"belt_speed": 3.0}, "no_window.*joint"),
             ({"offset": -0.6}, "late"),
             ({"elbow": "up"}, "elbow = 'up'"),
