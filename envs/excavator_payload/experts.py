@@ -82,14 +82,17 @@ class PayloadExpert(Expert):
 
 
 def filter_settings(task: ExcavatorPayload) -> FilterSettings:
-    """What the environment states of itself: noise, lag, and the distribution of payloads."""
-    config = task.config
+    """What the environment states of itself: noise, lag, and the distributions of payloads, masses and latency."""
+    config, uncertainty = task.config, task.uncertainty
+    soonest, latest = uncertainty.ends["latency"]
     # On level 2 the bucket is empty at first.
     lightest = 0.0 if config.level == 2 else config.lightest
     return FilterSettings(
         period=config.control_period,
-        noise=(task.uncertainty.ends["encoder_noise"][1], task.uncertainty.ends["velocity_noise"][1]),
+        noise=(uncertainty.ends["encoder_noise"][1], uncertainty.ends["velocity_noise"][1]),
         lag=LAG if config.level == 2 else 0.0,
         mass=(0.5 * (lightest + config.payload), max(LEAST_SPREAD, (config.payload - lightest) / math.sqrt(12.0))),
         shift=(OFFSET[0] / math.sqrt(3.0), OFFSET[1] / math.sqrt(3.0)),
+        masses=max(abs(end) for end in uncertainty.mass_error) / math.sqrt(3.0),
+        latency=(0.5 * (soonest + latest), (latest - soonest) / math.sqrt(12.0), latest),
     )

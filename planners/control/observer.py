@@ -3,8 +3,8 @@
 The state vector holds the angles (rad) and velocities (rad/s) of the n joints, the share by which each link is heavier
 than the nominal one, the payload (kg), viscous (N m s/rad) and dry friction (N m) of a joint: ``3 n + 3`` numbers.
 Between two samples the equations of motion move the joints under the torques that reach them; the other numbers stay.
-See D. Simon, "Optimal State Estimation" (2006): section 13.2 for the filter, 6.1 for one measured number after the
-other. What remains of the latency is simulated from the estimate, with the torques that are on their way.
+See D. Simon, "Optimal State Estimation" (2006), section 13.2. What remains of the latency is simulated from the
+estimate, with the torques that are on their way.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.compiled.calls import private
+from planners.control.filtering import correct_by, move_covariance
 from planners.control.tracking import held_torque_rows
 from planners.robot.arm import Arm
 from planners.robot.dynamics import forward_dynamics_single
@@ -255,18 +256,7 @@ def _predict(
             _move(chain, most, times, steps, commands, -steps[0], 0, other, qdd)
             for i in range(2 * n):
                 f[i, k] = (other[i] - x[i]) / 1e-6
-    half = np.zeros((size, size))
-    for k in range(size):
-        for j in range(size):
-            if f[k, j] != 0.0:
-                for m in range(size):
-                    half[k, m] += f[k, j] * cov[j, m]
-    cov[:, :] = 0.0
-    for k in range(size):
-        for j in range(size):
-            if f[k, j] != 0.0:
-                for m in range(size):
-                    cov[m, k] += half[m, j] * f[k, j]
+    move_covariance(f, cov)
     for i in range(n):
         cov[i, i] += (0.5 * times[2] * times[0] ** 2) ** 2
         cov[n + i, n + i] += (times[2] * times[0]) ** 2
@@ -276,15 +266,7 @@ def _predict(
 def _correct(noise: Array, q: Array, qd: Array, x: Array, cov: Array) -> None:
     """Correct by the measured numbers, one after the other."""
     n, size = q.shape[0], x.shape[0]
-    gain, row = np.empty(size), np.empty(size)
     for j in range(2 * n):
-        innovation = (q[j] if j < n else qd[j - n]) - x[j]
-        spread = cov[j, j] + noise[j // n] ** 2
-        for k in range(size):
-            gain[k], row[k] = cov[k, j] / spread, cov[j, k]
-        for k in range(size):
-            x[k] += gain[k] * innovation
-            for m in range(size):
-                cov[k, m] -= gain[k] * row[m]
+        correct_by(q[j] if j < n else qd[j - n], j, noise[j // n] ** 2, x, cov)
     for k in range(2 * n, size):
         x[k] = max(-0.9 if k < 3 * n else 0.0, x[k])

@@ -11,28 +11,27 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.excavator.controllers import FARTHEST, HEAVIEST
-from planners.excavator.machine import EXCAVATOR
-from planners.excavator.newton_euler import Chain, torque_single
-from planners.excavator.payload_filter import (
+from planners.excavator.filter_model import (
     ANGLES,
     FRICTION,
+    FULL_SIZE,
     N_JOINTS,
     N_LOAD,
     SETTINGS,
     SIZE,
     VELOCITIES,
-    begin_filter,
-    follow,
     load_of,
+    look_ahead,
+    machine_of,
 )
+from planners.excavator.machine import EXCAVATOR
+from planners.excavator.newton_euler import Chain, torque_single
+from planners.excavator.payload_filter import begin_filter, follow
 from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
 from planners.typing import Array
 
 LEAST_NOISE = (1e-6, 1e-5)
 """Standard deviations that the filter assumes at least, rad and rad/s; without noise the covariance would vanish."""
-
-_COMMAND = SIZE * (SIZE + 1)
-_WIDTH = _COMMAND + 3 * N_JOINTS
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,8 @@ class FilterSettings:
         surprise: sum of a sample's six squared normalised innovations from which on the payload counts as another one;
             by chance, more than 50 come once in 200 million.
         bandwidth: rate at which the error of each joint decays, 1/s.
+        masses: standard deviation of the shares by which the links are heavier than the nominal ones.
+        latency: mean, standard deviation and largest value of the time by which a command comes late, s.
     """
 
     period: float = 0.02
@@ -61,6 +62,18 @@ class FilterSettings:
     unmodelled: float = 0.01
     surprise: float = 50.0
     bandwidth: tuple[float, float, float] = (15.0, 15.0, 20.0)
+    masses: float = 0.0
+    latency: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def size(self) -> int:
+        """Length of the state vector: link masses and latency are estimated where they are uncertain."""
+        return FULL_SIZE if self.masses > 0.0 or self.latency[2] > 0.0 else SIZE
+
+    @property
+    def commands(self) -> int:
+        """Commands that can still arrive between the last sample and the next."""
+        return 1 if self.size == SIZE else max(2, 1 + math.ceil(self.latency[2] / self.period - 1e-9))
 
     def record(self) -> NDArray[Any]:
         """The settings for the compiled functions, ``(1,)`` of `SETTINGS`."""
@@ -69,11 +82,16 @@ class FilterSettings:
         record["period"], record["lag"] = self.period, self.lag
         record["noise"] = np.maximum(self.noise, LEAST_NOISE)
         record["mean"] = self.mass[0], 0.0, 0.0, 0.0
-        record["deviation"] = self.mass[1], *self.shift, self.friction
-        record["most"] = HEAVIEST, FARTHEST, FARTHEST
+        # Shifts of the payload's centre, or first moments.
+        typical, heaviest = (math.hypot(*self.mass), HEAVIEST) if self.size == FULL_SIZE else (1.0, 1.0)
+        record["deviation"] = self.mass[1], self.shift[0] * typical, self.shift[1] * typical, self.friction
+        record["most"] = HEAVIEST, heaviest * FARTHEST, heaviest * FARTHEST
+        # A lighter bucket may count as a payload of less than nothing.
+        record["least"] = -2.0 * self.masses * planar_dynamics().inertia[-1, 0]
         record["unmodelled"], record["surprise"] = self.unmodelled, self.surprise
         record["ball"] = *unit[1:4], EXCAVATOR.payload.gyration_square(1.0)
-        record["bandwidth"] = self.bandwidth
+        record["bandwidth"], record["masses"], record["latency"] = self.bandwidth, self.masses, self.latency
+        record["size"], record["waiting"] = self.size, self.commands
         record["ahead"] = 0.5 * self.period + self.lag
         return record
 
@@ -82,7 +100,8 @@ class KalmanComputedTorque:
     """Inverse dynamics of the desired acceleration plus PD, for the estimated state, payload and friction.
 
     A command acts over a period, and through the drives' lag, so it is computed for a time ahead: half a period and the
-    lag. State and reference are extrapolated, the reference with the jerk between its last two accelerations.
+    lag. State and reference are extrapolated, the reference with the jerk between its last two accelerations. Before
+    that, the state is moved on over the latency by the commands that are on their way.
 
     Args:
         settings: of controller and filter.
@@ -94,7 +113,8 @@ class KalmanComputedTorque:
         self._settings = settings.record()
         self._chain = planar_dynamics().chain
         self._limit = np.array(EXCAVATOR.limits.torque[JOINTS])
-        self._memory: Array = np.empty((rows, _WIDTH))
+        self._covariance = slice(settings.size, settings.size * (settings.size + 1))
+        self._memory: Array = np.empty((rows, self._covariance.stop + (settings.commands + 2) * N_JOINTS))
         self.reset()
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
@@ -105,7 +125,7 @@ class KalmanComputedTorque:
     def memory(self) -> Array:
         """State carried to the next sample, ``(rows, width)``, NaN before the first (a copy).
 
-        State vector and covariance of the filter, last command, torque of the drives, last reference acceleration.
+        State vector and covariance of the filter, last commands, torque of the drives, last reference acceleration.
         """
         return self._memory.copy()
 
@@ -125,10 +145,12 @@ class KalmanComputedTorque:
             shift: of the payload's centre, ``(rows, 2)``, m.
             friction: factor on the joints' friction, ``(rows,)``, positive.
         """
-        self._memory[:, 0], self._memory[:, 1:N_LOAD], self._memory[:, FRICTION] = mass, shift, np.log(friction)
-        covariance = self._memory[:, SIZE:_COMMAND].reshape(-1, SIZE, SIZE)
+        size = self.settings.size
+        first = shift * np.reshape(mass, (-1, 1)) if size == FULL_SIZE else shift
+        self._memory[:, 0], self._memory[:, 1:N_LOAD], self._memory[:, FRICTION] = mass, first, np.log(friction)
+        covariance = self._memory[:, self._covariance].reshape(-1, size, size)
         covariance[:, :ANGLES] = covariance[:, :, :ANGLES] = 0.0
-        self._memory[:, SIZE:_COMMAND] = covariance.reshape(self.rows, -1)
+        self._memory[:, self._covariance] = covariance.reshape(self.rows, -1)
 
     @property
     def mass_estimate(self) -> Array:
@@ -154,37 +176,49 @@ def _torque(settings: Any, chain: Chain, samples: Array, memory: Array, tau: Arr
     largest torque.
     """
     known = settings[0]
+    size, waiting = known.size, known.waiting
+    first = size * (size + 1)
+    last = first + waiting * N_JOINTS
     for row in range(tau.shape[0]):
         own = memory[row]
-        x, cov = own[:SIZE], own[SIZE:_COMMAND].reshape(SIZE, SIZE)
-        command = own[_COMMAND : _COMMAND + N_JOINTS]
-        drive = own[_COMMAND + N_JOINTS : _COMMAND + 2 * N_JOINTS]
+        x, cov = own[:size], own[size:first].reshape(size, size)
+        commands, drive = own[first:last].reshape(waiting, N_JOINTS), own[last : last + N_JOINTS]
         q, qd = samples[0, row], samples[1, row]
         if math.isnan(x[0]):
-            begin_filter(known, chain, q, qd, x, cov, drive)
+            begin_filter(known, chain, q, qd, x, cov, drive, commands)
         else:
-            follow(known, chain, command, q, qd, x, cov, drive)
-        _law(
-            known, chain, x, samples[2, row], samples[3, row], samples[4, row], own[_COMMAND + 2 * N_JOINTS :], tau[row]
-        )
+            follow(known, chain, commands, q, qd, x, cov, drive)
+        ahead = x.copy()
+        late = look_ahead(known, chain, commands, ahead, drive.copy())
+        _law(known, chain, ahead, late, samples[2:5, row], own[last + N_JOINTS :], tau[row])
+        for age in range(waiting - 1, 0, -1):
+            commands[age, :] = commands[age - 1]
         for i in range(N_JOINTS):
-            command[i] = tau[row, i] = min(samples[6, row, i], max(samples[5, row, i], tau[row, i]))
+            commands[0, i] = tau[row, i] = min(samples[6, row, i], max(samples[5, row, i], tau[row, i]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _law(known: Any, chain: Chain, x: Array, q_d: Array, qd_d: Array, qdd_d: Array, last: Array, tau: Array) -> None:
-    """Torques for the state ``ahead``, to ``tau``; ``last``, the reference acceleration before, is renewed."""
+def _law(known: Any, chain: Chain, x: Array, late: float, wanted: Array, last: Array, tau: Array) -> None:
+    """Torques for the state ``ahead`` of ``x``, to ``tau``; ``last``, the reference acceleration before, is renewed.
+
+    ``wanted`` ``(3, n)`` are desired angle, velocity and acceleration, a time ``late`` before those of ``x``.
+    """
     ahead = known.ahead
     load, q, qd, qdd = np.empty(10), np.empty(N_JOINTS), np.empty(N_JOINTS), np.empty(N_JOINTS)
     for i in range(N_JOINTS):
-        jerk = 0.0 if math.isnan(last[i]) else (qdd_d[i] - last[i]) / known.period
-        last[i] = qdd_d[i]
-        qd[i] = x[VELOCITIES + i] + ahead * qdd_d[i]
-        q[i] = x[ANGLES + i] + ahead * (x[VELOCITIES + i] + 0.5 * ahead * qdd_d[i])
-        rate = qd_d[i] - x[VELOCITIES + i]
-        error = q_d[i] - x[ANGLES + i] + ahead * rate
-        qdd[i] = qdd_d[i] + ahead * jerk + known.bandwidth[i] * (known.bandwidth[i] * error + 2.0 * rate)
+        q_d, qd_d, qdd_d = wanted[0, i], wanted[1, i], wanted[2, i]
+        jerk = 0.0 if math.isnan(last[i]) else (qdd_d - last[i]) / known.period
+        last[i] = qdd_d
+        if late > 0.0:
+            q_d += late * (qd_d + late * (0.5 * qdd_d + late * jerk / 6.0))
+            qd_d += late * (qdd_d + 0.5 * late * jerk)
+            qdd_d += late * jerk
+        qd[i] = x[VELOCITIES + i] + ahead * qdd_d
+        q[i] = x[ANGLES + i] + ahead * (x[VELOCITIES + i] + 0.5 * ahead * qdd_d)
+        rate = qd_d - x[VELOCITIES + i]
+        error = q_d - x[ANGLES + i] + ahead * rate
+        qdd[i] = qdd_d + ahead * jerk + known.bandwidth[i] * (known.bandwidth[i] * error + 2.0 * rate)
     load_of(known, x, load)
-    torque_single(chain, load, q, qd, qd, qdd, tau)
+    torque_single(machine_of(chain, x), load, q, qd, qd, qdd, tau)
     for i in range(N_JOINTS):
         tau[i] += (math.exp(x[FRICTION]) - 1.0) * chain[3][i, 1] * qd[i]

@@ -161,6 +161,9 @@ def test_experts_need_no_adaptation_around_them() -> None:
         ({"encoder_noise": 3e-4}, {}),
         ({"level": 2}, {}),
         ({"control_mode": "residual"}, {}),
+        ({"mass_error": (-0.1, 0.1)}, {}),
+        ({"latency": (0.0, 0.02)}, {}),
+        ({"mass_error": (-0.1, 0.1), "latency": (0.0, 0.02), "encoder_noise": 3e-4}, {}),
     ],
 )
 def test_the_kalman_filter_halves_the_tip_error(config: dict[str, Any], options: dict[str, Any]) -> None:
@@ -169,7 +172,8 @@ def test_the_kalman_filter_halves_the_tip_error(config: dict[str, Any], options:
     assert kalman["is_success"].all()
     assert (kalman["tip_rms"] < simple["tip_rms"]).all()
     assert np.median(kalman["tip_rms"]) < 0.5 * np.median(simple["tip_rms"])
-    if config.get("level") != 2:  # there the bucket is empty at the end
+    # On level 2 the bucket is empty at the end; and a heavier bucket looks like a heavier payload.
+    if config.get("level") != 2 and "mass_error" not in config:
         np.testing.assert_allclose(expert.mass_estimate, kalman["payload_mass"], atol=5.0)
 
 

@@ -25,9 +25,10 @@ def reference(time: float) -> tuple[Array, Array, Array]:
     return middle + swing * wave, -swing * rate * slope, -swing * rate**2 * np.cos(rate * time)
 
 
-def accelerate(state: Array, torque: Array, mass: float) -> Array:
+def accelerate(state: Array, torque: Array, mass: float, heavier: Array) -> Array:
     """The machine with its payload and friction, by matrices of `ChainDynamics`."""
     dynamics, (q, qd) = planar_dynamics(), state.reshape(2, 1, 3)
+    dynamics = replace(dynamics, inertia=dynamics.inertia * (1.0 + heavier[:, None]))
     load = planar_payload(mass, offset=SHIFT)[None]
     bias = dynamics.torque(q, qd, qd, np.zeros((1, 3)), load) + (FRICTION - 1.0) * dynamics.drives[:, 1] * qd
     rate = np.linalg.solve(dynamics.mass_matrix(q, load)[0], torque - bias[0])
@@ -35,24 +36,38 @@ def accelerate(state: Array, torque: Array, mass: float) -> Array:
 
 
 def track(
-    controller: KalmanComputedTorque, periods: int, noise: tuple[float, float], masses: Any = lambda step: MASS
+    controller: KalmanComputedTorque,
+    periods: int,
+    noise: tuple[float, float],
+    masses: Any = lambda step: MASS,
+    *,
+    heavier: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    late: float = 0.0,
 ) -> dict[str, Array]:
-    """Track the reference under a controller whose drives have its lag; what it knew and how far it was off."""
+    """Track the reference under a controller whose drives have its lag; what it knew and how far it was off.
+
+    The links are ``heavier`` by these shares, and a command arrives ``late``, s, by at most a period.
+    """
     rng, lag = np.random.default_rng(5), controller.settings.lag
     state = np.concatenate([reference(0.0)[0][0], np.zeros(3)])
     drive = planar_dynamics().torque(state[None, :3], *3 * [np.zeros((1, 3))])[0]
-    known, error = [], []
+    known, error, before = [], [], drive
     for step in range(periods):
         measured = state.reshape(2, 1, 3) + np.array(noise)[:, None, None] * rng.standard_normal((2, 1, 3))
         command = controller.torque(*measured, *reference(PERIOD * step))[0]
 
-        def slope(time: float, values: Array, command: Array = command, step: int = step) -> Array:
-            force = values[6:] if lag else command
-            return np.concatenate([accelerate(values[:6], force, masses(step)), (command - force) / (lag or 1.0)])
+        for torque, duration in ((before, late), (command, PERIOD - late)):
 
-        solved = solve_ivp(slope, (0.0, PERIOD), np.concatenate([state, drive]), rtol=1e-7, atol=1e-9)
-        state, drive = solved.y[:6, -1], solved.y[6:, -1]
-        known.append(controller.memory[0, :10])
+            def slope(time: float, values: Array, torque: Array = torque, step: int = step) -> Array:
+                force = values[6:] if lag else torque
+                rates = accelerate(values[:6], force, masses(step), np.array(heavier))
+                return np.concatenate([rates, (torque - force) / (lag or 1.0)])
+
+            if duration > 0.0:
+                solved = solve_ivp(slope, (0.0, duration), np.concatenate([state, drive]), rtol=1e-7, atol=1e-9)
+                state, drive = solved.y[:6, -1], solved.y[6:, -1]
+        before = command
+        known.append(controller.memory[0, : controller.settings.size])
         error.append(np.abs(state[:3] - reference(PERIOD * (step + 1))[0][0]).max())
     return {"known": np.array(known), "error": np.array(error), "memory": controller.memory[0]}
 
@@ -66,6 +81,38 @@ def test_payload_friction_and_motion_are_found(lag: float) -> None:
     assert mass == pytest.approx(MASS, abs=1.0)
     np.testing.assert_allclose(shift, SHIFT, atol=0.01)
     assert np.exp(friction) == pytest.approx(FRICTION, rel=0.02)
+    assert found["error"][100:].max() < 1e-3
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_link_masses_and_latency_are_found(lag: float) -> None:
+    heavier, late = (0.08, -0.06, 0.05), 0.013
+    settings = replace(SETTINGS, lag=lag, masses=0.1, latency=(0.01, 0.006, 0.02))
+    found = track(KalmanComputedTorque(settings), 300, SETTINGS.noise, heavier=heavier, late=late)
+    x, covariance = found["known"][-1], found["memory"][14 : 14 * 15].reshape(14, 14)
+    assert x[13] == pytest.approx(late, abs=5e-4)
+    np.testing.assert_allclose(x[10:12], heavier[:2], atol=0.02)
+    # Four squared normalised errors: 99.99 % of samples of a consistent filter are below 23.5.
+    off = x[10:] - [*heavier, late]
+    assert off @ np.linalg.solve(covariance[10:, 10:], off) < 23.5
+    # What boom and arm weigh is seen in the torques; what the bucket weighs, hardly beside its payload.
+    assert np.sqrt(covariance.diagonal()[10:12]).max() < 0.3 * settings.masses
+    assert found["error"][150:].max() < 1e-3
+
+
+def test_a_nominal_machine_that_is_uncertain_is_followed_as_well() -> None:
+    uncertain = replace(SETTINGS, masses=0.1, latency=(0.01, 0.006, 0.02))
+    certain, found = (track(KalmanComputedTorque(one), 200, SETTINGS.noise) for one in (SETTINGS, uncertain))
+    assert found["error"][100:].max() < 2.0 * certain["error"][100:].max()
+    np.testing.assert_allclose(found["known"][-1, 10:12], 0.0, atol=0.02)
+    assert found["known"][-1, 13] < 5e-4
+
+
+def test_a_known_latency_costs_no_accuracy() -> None:
+    late = replace(SETTINGS, latency=(PERIOD, 0.0, PERIOD))
+    found = track(KalmanComputedTorque(late), 200, SETTINGS.noise, late=PERIOD)
+    np.testing.assert_array_equal(found["known"][:, 13], PERIOD)
+    assert found["known"][-1, 0] == pytest.approx(MASS, abs=1.0)
     assert found["error"][100:].max() < 1e-3
 
 
