@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,9 +45,12 @@ class ReleaseOptions:
     runs: tyro.conf.Positional[tuple[Path, ...]]
     """Folders of finished runs of one recipe, one a training seed."""
     out: Path = TRAINED
-    """Folder for the agent, which replaces that of the same environment."""
+    """Folder for the agent, which replaces that of the same environment and variant."""
     episodes: int = 1000
     """In each of the two sets."""
+    variant: str | None = None
+    """Name of an agent for harder episodes, which is shipped beside that of the environment as policy agent:NAME. It is
+    scored in the settings that it was trained in, not in the default ones."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class Candidate:
 
     curve: Curve  # of its run
     agent: Agent  # the agent
+    settings: Mapping[str, Any]  # of the environment in which it is scored
     selection: Scores  # scores on the episodes that select
     held_out: Scores  # scores on those that do not
 
@@ -93,10 +97,14 @@ def main(options: ReleaseOptions) -> int:
     candidates = []
     for curve, agent in zip(curves, agents, strict=True):
         note(f"scoring {curve.folder} on twice {options.episodes} episodes")
-        selection, held_out = (score(agent, first, options.episodes) for first in (SELECTION_SEED, HELD_OUT_SEED))
-        candidates.append(Candidate(curve, agent, selection, held_out))
+        settings = agent.action_config if options.variant is None else agent.env_config
+        selection, held_out = (
+            score(agent, first, options.episodes, settings) for first in (SELECTION_SEED, HELD_OUT_SEED)
+        )
+        candidates.append(Candidate(curve, agent, settings, selection, held_out))
     chosen = choose(candidates)
-    path = options.out / f"{chosen.agent.env_id}.safetensors"
+    name = chosen.agent.env_id if options.variant is None else f"{chosen.agent.env_id}.{options.variant}"
+    path = options.out / f"{name}.safetensors"
     save_agent(Agent(document(candidates, chosen, options.episodes), chosen.agent.tensors), path)
     seeds_table(candidates, chosen, options.episodes).show()
     note(f"wrote {path}, the agent of {chosen.curve.folder}")
@@ -136,10 +144,9 @@ def read_finished(folders: Sequence[Path]) -> list[Curve]:
     return curves
 
 
-def score(agent: Agent, first: int, episodes: int) -> Scores:
-    """Scores on a set of episodes, in the environment's default settings except for the meaning of its actions."""
-    seeds = range(first, first + episodes)
-    evaluation = evaluate(agent, agent.env_id, seeds, env_config=agent.action_config)
+def score(agent: Agent, first: int, episodes: int, settings: Mapping[str, Any]) -> Scores:
+    """Scores on a set of episodes, in an environment with these settings."""
+    evaluation = evaluate(agent, agent.env_id, range(first, first + episodes), env_config=settings)
     return {**training_scores(evaluation), "limits_kept": rate(evaluation.metrics["limit_ratio"] <= LIMIT_RATIO)}
 
 
@@ -160,7 +167,7 @@ def rule(episodes: int) -> str:
 
 def document(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) -> dict[str, Any]:
     """The JSON of the selected agent: its own, how it was selected, its scores and those of the other seeds."""
-    settings = {"env_config": chosen.agent.action_config}
+    settings = {"env_config": dict(chosen.settings)}
     selection: dict[str, Any] = {"rule": rule(episodes), "seeds": _ends(SELECTION_SEED, episodes), **settings}
     held_out: dict[str, Any] = {"seeds": _ends(HELD_OUT_SEED, episodes), **settings, "limit_ratio_kept": LIMIT_RATIO}
     for part, scores in ((selection, chosen.selection), (held_out, chosen.held_out)):

@@ -13,7 +13,7 @@ from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import BenchmarkConfig
 from agents.policies.agent import ACTION_SETTINGS
 from agents.policies.files import load_agent
-from agents.policies.lookup import SHIPPED, find_policy
+from agents.policies.lookup import find_policy, is_shipped
 from agents.report.outputs import ScoreOutputs, run_and_print
 from agents.yaml_config import assigned
 from envs.experts import is_expert
@@ -89,7 +89,7 @@ class EvaluateOptions(ScoreOutputs):
             envs.task_card(env_id)  # raises for an unknown id
             return env_id
         names_none = is_expert(self.policy) or is_in_module(self.policy) or self.policy.endswith(".zip")
-        if names_none or self.policy == SHIPPED:
+        if names_none or is_shipped(self.policy):
             raise ValueError(f"no environment: give --env, one of {', '.join(envs.env_ids())}")
         return load_agent(self.policy).env_id
 

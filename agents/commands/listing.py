@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 import envs
 from agents.console import say
 from agents.environments import import_env, task_type
-from agents.policies.files import shipped_agents
+from agents.policies.lookup import shipped_policies
 from agents.tables import Table
 from agents.yaml_config import shipped_configs
 from envs.experts import expert_names
@@ -66,7 +66,7 @@ def names(env_ids: list[str] | None = None) -> Document:
         "environments": {env_id: _environment(env_id) for env_id in env_ids or envs.env_ids()},
         "planners": _planners(),
         "recipes": [name for name in shipped_configs() if "/" in name and not name.startswith("arms/")],
-        "agents": shipped_agents(),
+        "agents": [env_id for env_id in envs.env_ids() if shipped_policies(env_id)],
         "arms": {name: _arm(name) for name in arm_names()},
     }
 
@@ -76,6 +76,7 @@ def _environment(env_id: str) -> Document:
     return {
         "summary": _summary(env_id, task),
         "experts": expert_names(env_id),
+        "agents": shipped_policies(env_id),
         "control_modes": list(card.control_modes),
         "links": list(card.links),
         "recipe": card.recipe,
@@ -142,7 +143,8 @@ def _show_names(document: Document) -> None:
     title = "Planners (planarm plan; --list says what each takes)"
     Table(title, ("name", "variants"), variants, text_columns=2).show()
     say(f"Recipes (planarm train): {', '.join(document['recipes'])}\n")
-    say(f"Agents that come with planarm (policy agent): {', '.join(document['agents'])}\n")
+    agents = [f"{env_id} ({', '.join(document['environments'][env_id]['agents'])})" for env_id in document["agents"]]
+    say(f"Agents that come with planarm: {', '.join(agents)}\n")
     arms = [(name, str(arm["links"]), f"{arm['reach_m']:.3f}") for name, arm in document["arms"].items()]
     Table("Arms (--settings arm=NAME)", ("name", "links", "reach (m)"), arms).show()
     say("planarm list ID: settings, reset options and metrics of an environment.")
@@ -151,6 +153,8 @@ def _show_names(document: Document) -> None:
 def _show_environment(env_id: str, entry: Document) -> None:
     say(f"{env_id}: {entry['summary']}\n")
     say(f"Experts: {', '.join(entry['experts'])}. Their control modes: {', '.join(entry['control_modes'])}.\n")
+    if entry["agents"]:
+        say(f"Agents: {', '.join(entry['agents'])}.\n")
     for title, key in (
         ("Settings (--settings key=value)", "settings"),
         ("Reset options (--options key=value)", "options"),

@@ -22,7 +22,7 @@ from agents.evaluation.replays import record_replays, replays_of
 from agents.evaluation.results import Evaluation
 from agents.evaluation.scoreboard import Scoreboard, add_settings
 from agents.evaluation.spread import BOUNDS, Kind, Piece, Workers
-from agents.policies.lookup import SHIPPED, AnyPolicy, NamedPolicy, name_policies
+from agents.policies.lookup import AnyPolicy, NamedPolicy, is_shipped, name_policies
 from agents.policies.policy import Actor
 from agents.yaml_config import load_config
 from envs.card import Bound
@@ -226,7 +226,7 @@ class Benchmark:
         """Whether a policy is one of the task's experts or its shipped agent, by name."""
         if named.name in self.given or named.own:
             return False
-        return named.name == SHIPPED or (named.policy == named.name and named.name in expert_names(task.env))
+        return is_shipped(named.name) or (named.policy == named.name and named.name in expert_names(task.env))
 
     def _job_text(self, task: BenchmarkTask, policy: str, bounds: int) -> str:
         """A job for another process: a policy on a task, and its bound."""

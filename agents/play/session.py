@@ -12,8 +12,7 @@ from pydantic import Field
 
 from agents.environments import check_names, make_batch, task_type
 from agents.play.actor import PAYLOAD, YOU, Mouse, PlayedPolicy
-from agents.policies.files import shipped_agents
-from agents.policies.lookup import SHIPPED, NamedPolicy, find_policy
+from agents.policies.lookup import NamedPolicy, find_policy, shipped_policies
 from envs.card import env_ids, task_card
 from envs.experts import expert_names
 from envs.settings import Settings
@@ -231,11 +230,10 @@ def catalogue() -> list[dict[str, Any]]:
 
 def _described(env_id: str) -> dict[str, Any]:
     card = task_card(env_id)
-    agent = [SHIPPED] if env_id in shipped_agents() else []
     scenarios = task_type(env_id).options_type.model_fields.get("scenario")
     return {
         "env": env_id,
-        "policies": [*agent, *expert_names(env_id), YOU],
+        "policies": [*shipped_policies(env_id), *expert_names(env_id), YOU],
         "arms": [name for name in arm_names() if load_arm(name).n_joints in card.links],
         "scenarios": [name for name in get_args(scenarios.annotation) if name != "random"] if scenarios else [],
     }

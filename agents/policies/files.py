@@ -36,22 +36,28 @@ _SHIPPED = resources.files("agents.policies").joinpath("trained")
 
 def shipped_agents() -> list[str]:
     """Ids of the environments for which planarm ships a trained agent."""
-    names = (file.name for file in _SHIPPED.iterdir())
-    return sorted(name.removesuffix(".safetensors") for name in names if name.endswith(".safetensors"))
+    return [name for name in _shipped() if "." not in name]
 
 
-def load_agent(source: str | Path) -> Agent:
+def shipped_variants(env_id: str) -> list[str]:
+    """Names of the other agents that planarm ships for an environment, each trained for harder episodes."""
+    return [name.removeprefix(f"{env_id}.") for name in _shipped() if name.startswith(f"{env_id}.")]
+
+
+def load_agent(source: str | Path, variant: str | None = None) -> Agent:
     """A trained agent.
 
     Args:
         source: the id of an environment, for the agent shipped with planarm; or the path of a run folder, for its best
             agent, or of a .safetensors file with its JSON beside it.
+        variant: with the id of an environment: the name of the agent that is shipped for harder episodes, one of
+            `shipped_variants`; None for the agent of the default episodes.
 
     Raises:
         ValueError: if there is none, its files are damaged, or the environment's observations have changed since it
             was trained.
     """
-    path = _find(source)
+    path = _find(source) if variant is None else _shipped_file(str(source), variant)
     for _ in range(_ATTEMPTS):  # more than one only while another process replaces the agent
         content = _weights(path)
         document = _of_weights(read_document(path.with_suffix(".json"), MOST_JSON_BYTES), content)
@@ -169,10 +175,25 @@ def layout_of(env_id: str, env_config: Mapping[str, Any]) -> Layout:
         return layout
 
 
+def _shipped() -> list[str]:
+    names = (file.name for file in _SHIPPED.iterdir())
+    return sorted(name.removesuffix(".safetensors") for name in names if name.endswith(".safetensors"))
+
+
+def _shipped_file(env_id: str, variant: str | None) -> Path:
+    """The file of the weights of a shipped agent."""
+    refuse_unknown([env_id], shipped_agents(), "agent (the path of one ends in .safetensors)")
+    if variant is not None:
+        refuse_unknown([variant], shipped_variants(env_id), f"agent of {env_id} for harder episodes")
+    return Path(
+        str(_SHIPPED.joinpath(f"{env_id}.safetensors" if variant is None else f"{env_id}.{variant}.safetensors"))
+    )
+
+
 def _find(source: str | Path) -> Path:
     """The file of an agent's weights."""
-    path, shipped = Path(source), shipped_agents()
-    if str(source) not in shipped:
+    path = Path(source)
+    if str(source) not in shipped_agents():
         if path.is_dir():
             return path / "best.safetensors"
         if path.suffix == ".safetensors":
@@ -183,8 +204,7 @@ def _find(source: str | Path) -> Path:
             raise ValueError(f"{path} is no agent: the file of one ends in .safetensors")
         if len(path.parts) > 1:
             raise ValueError(f"no folder {path}")
-    refuse_unknown([str(source)], shipped, "agent (the path of one ends in .safetensors)")
-    return Path(str(_SHIPPED.joinpath(f"{source}.safetensors")))
+    return _shipped_file(str(source), None)
 
 
 def _check_layout(path: Path, document: Mapping[str, Any], layout: Layout) -> None:

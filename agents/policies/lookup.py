@@ -12,7 +12,7 @@ from typing import Any
 
 from agents.environments import import_before, is_in_module, task_type
 from agents.policies.agent import ACTION_SETTINGS, Agent
-from agents.policies.files import load_agent, shipped_agents
+from agents.policies.files import load_agent, shipped_agents, shipped_variants
 from agents.policies.policy import Policy, PolicyMaker
 from agents.policies.sb3 import load_model
 from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
@@ -124,12 +124,24 @@ def name_policies(
     return list(named.values())
 
 
+def shipped_policies(env_id: str) -> list[str]:
+    """Names of the agents that planarm ships for an environment."""
+    variants = [f"{SHIPPED}:{variant}" for variant in shipped_variants(env_id)]
+    return [SHIPPED, *variants] if env_id in shipped_agents() else []
+
+
+def is_shipped(name: str) -> bool:
+    """Whether a name is of an agent that planarm ships, ``agent`` or ``agent:NAME``."""
+    return name.partition(":")[0] == SHIPPED
+
+
 def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedPolicy:
     """A policy by name or by path.
 
     Args:
         source: the name of an expert, with ``+adaptive`` behind it for online payload estimation; ``agent`` for the
-            agent shipped for the environment; the path of a training run's folder, of an agent (.safetensors), or of a
+            agent shipped for the environment, and ``agent:NAME`` for one shipped for harder episodes
+            (`shipped_policies`); the path of a training run's folder, of an agent (.safetensors), or of a
             model of Stable-Baselines3 (.zip); or ``module:name``, which imports the module and finds an expert or a
             planner that it registers under this name, or else what it calls so: a policy, or a function or a class
             that makes one, with the environment or without arguments.
@@ -148,21 +160,21 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     if source.endswith(".zip"):
         model = load_model(path, allow_code=allow_code)
         return NamedPolicy(path.stem, model, own=True, unknown_actions=True)
-    if source == SHIPPED:
+    if is_shipped(source):
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
-        return _of_agent(SHIPPED, load_agent(env_id), env_id)
+        return _of_agent(source, load_agent(env_id, source.partition(":")[2] or None), env_id)
     if is_in_module(source) and not path.exists():
         return _of_module(source, env_id)
     if not (source.endswith(".safetensors") or path.is_dir() or os.sep in source or "/" in source):
         others = "policy (or module:name, or the path of a run, a .safetensors or a .zip)"
-        refuse_unknown([source], [*expert_names(env_id), SHIPPED], others)
+        refuse_unknown([source], [*expert_names(env_id), *shipped_policies(env_id)], others)
     return _of_agent(path.resolve().stem, load_agent(source), env_id)
 
 
 def _of_agent(name: str, agent: Agent, env_id: str) -> NamedPolicy:
     if agent.env_id != env_id:
         raise ValueError(f"{name} was trained on {agent.env_id}, not on {env_id}")
-    return NamedPolicy(name, agent, agent.action_config, agent.env_config, own=name != SHIPPED)
+    return NamedPolicy(name, agent, agent.action_config, agent.env_config, own=not is_shipped(name))
 
 
 def _of_module(source: str, env_id: str) -> NamedPolicy:

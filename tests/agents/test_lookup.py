@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from agents import Agent, evaluate, load_agent, save_agent
-from agents.policies.lookup import NamedPolicy, find_policy
+from agents.commands.evaluate import EvaluateOptions
+from agents.policies.files import shipped_agents, shipped_variants
+from agents.policies.lookup import NamedPolicy, find_policy, shipped_policies
 
 ENV = "ConveyorTrack-v0"
 
@@ -35,6 +37,29 @@ def test_an_agent_brings_the_meaning_of_its_actions_and_no_other_setting(tmp_pat
         named = find_policy(source, ENV)
         assert (named.name, named.is_expert) == (name, False)
         assert named.settings({"payload": 0.1}) == {"payload": 0.1, "control_mode": "jerk"}
+
+
+def test_an_agent_for_harder_episodes_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped = load_agent(ENV)
+    harder = Agent({**shipped.document, "env_config": {"control_mode": "jerk", "horizon": 4.0}}, shipped.tensors)
+    save_agent(shipped, tmp_path / f"{ENV}.safetensors")
+    save_agent(harder, tmp_path / f"{ENV}.long.safetensors")
+    monkeypatch.setattr("agents.policies.files._SHIPPED", tmp_path)
+    assert (shipped_agents(), shipped_variants(ENV), shipped_policies(ENV)) == (
+        [ENV],
+        ["long"],
+        ["agent", "agent:long"],
+    )
+    assert load_agent(ENV, "long").env_config["horizon"] == 4.0
+    named = find_policy("agent:long", ENV)
+    assert (named.name, named.own, named.settings({})) == ("agent:long", False, {"control_mode": "jerk"})
+    evaluation = EvaluateOptions("agent:long", env=ENV, against=("agent",)).resolve().config
+    assert (evaluation.policies, evaluation.tasks[0].env_config) == (("agent:long", "agent"), {"horizon": 4.0})
+    with pytest.raises(ValueError, match="no environment: give --env"):
+        EvaluateOptions("agent:long").resolve()
+    for refused in (lambda: load_agent(ENV, "lang"), lambda: find_policy("agent:lang", ENV)):
+        with pytest.raises(ValueError, match=f'unknown agent of {ENV} for harder episodes "lang"; did you mean "long"'):
+            refused()
 
 
 def test_a_task_of_other_actions_is_refused() -> None:

@@ -76,7 +76,7 @@ def test_success_then_return_choose_and_held_out_scores_do_not(
     selections: list[tuple[float, float]], chosen: int, best_held_out: int, tmp_path: Path
 ) -> None:
     curve = read_curve(make_run(tmp_path / "run", ROWS))
-    blank = Candidate(curve, agent(0), {}, {})
+    blank = Candidate(curve, agent(0), {}, {}, {})
     candidates = [
         scored(selection, (1.0, 9.0) if number == best_held_out else (0.1, 0.0), blank)
         for number, selection in enumerate(selections)
@@ -183,6 +183,16 @@ def test_the_command_says_what_is_wrong_in_a_line(tmp_path: Path) -> None:
 
 def test_by_default_agents_are_released_where_they_are_looked_for() -> None:
     assert (TRAINED / f"{CONVEYOR}.safetensors").exists()
+
+
+def test_an_agent_for_harder_episodes_is_scored_in_its_own_settings(runs: tuple[Path, ...], tmp_path: Path) -> None:
+    assert main(ReleaseOptions(runs, out=tmp_path / "out", episodes=2, variant="harder")) == 0
+    assert [path.name for path in sorted((tmp_path / "out").iterdir())] == [
+        f"{CONVEYOR}.harder.json",
+        f"{CONVEYOR}.harder.safetensors",
+    ]
+    document = json.loads((tmp_path / "out" / f"{CONVEYOR}.harder.json").read_text())
+    assert document["held_out"]["env_config"] == document["selection"]["env_config"] == SETTINGS
 
 
 @pytest.mark.rl
