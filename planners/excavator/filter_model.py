@@ -84,21 +84,21 @@ def machine_of(chain: Chain, x: Array) -> Chain:
 
 
 @private
-def accelerate(settings: Any, chain: Chain, x: Array, torque: Array, qdd: Array) -> None:
-    """Accelerations of the joints (rad/s^2) in the state ``x`` under drives' torques (N m), written to ``qdd``."""
-    q, qd, machine = x[ANGLES:VELOCITIES], x[VELOCITIES:SIZE], machine_of(chain, x)
+def accelerate(settings: Any, machine: Chain, x: Array, torque: Array, qdd: Array) -> None:
+    """Accelerations of the joints (rad/s^2) of a `machine_of` ``x`` under drives' torques (N m), written to ``qdd``."""
+    q, qd = x[ANGLES:VELOCITIES], x[VELOCITIES:SIZE]
     load, bias, m = np.empty(10), np.empty(N_JOINTS), np.empty((N_JOINTS, N_JOINTS))
     load_of(settings, x, load)
     torque_single(machine, load, q, qd, qd, np.zeros(N_JOINTS), bias)
     mass_matrix_single(machine, load, q, m)
     friction = math.exp(x[FRICTION]) - 1.0
     for i in range(N_JOINTS):
-        qdd[i] = torque[i] - bias[i] - friction * chain[3][i, 1] * qd[i]
+        qdd[i] = torque[i] - bias[i] - friction * machine[3][i, 1] * qd[i]
     solve_mass_matrix(m, qdd)
 
 
 @private
-def move_state(settings: Any, chain: Chain, torques: Array, period: float, x: Array) -> None:
+def move_state(settings: Any, machine: Chain, torques: Array, period: float, x: Array) -> None:
     """One step of Runge and Kutta's method of fourth order."""
     begin, rates = x.copy(), np.empty((4, N_JOINTS))
     for stage in range(4):
@@ -110,7 +110,7 @@ def move_state(settings: Any, chain: Chain, torques: Array, period: float, x: Ar
                     speed += 0.5 * period * rates[stage - 2, i]
                 x[ANGLES + i] = begin[ANGLES + i] + time * speed
                 x[VELOCITIES + i] = begin[VELOCITIES + i] + time * rates[stage - 1, i]
-        accelerate(settings, chain, x, torques[(stage + 1) // 2], rates[stage])
+        accelerate(settings, machine, x, torques[(stage + 1) // 2], rates[stage])
     for i in range(N_JOINTS):
         early = rates[0, i] + rates[1, i] + rates[2, i]
         x[ANGLES + i] = begin[ANGLES + i] + period * begin[VELOCITIES + i] + period**2 / 6.0 * early
@@ -161,14 +161,12 @@ def arriving(settings: Any, commands: Array, x: Array, drive: Array, torques: Ar
 @private
 def look_ahead(settings: Any, chain: Chain, commands: Array, x: Array, drive: Array) -> float:
     """Move the state ``x`` on to the time at which the next command arrives, and return how far that is off, s."""
-    if x.shape[0] < FULL_SIZE:
-        return 0.0
-    torques = np.empty((3, N_JOINTS))
+    machine, torques = machine_of(chain, x), np.empty((3, N_JOINTS))
     whole, part = _waiting(settings, commands, x)
     for age in range(whole, -1, -1):
         duration = part if age == whole else settings.period
         if duration > 0.0:
             _drive(settings, commands[age], duration, drive, torques)
-            move_state(settings, chain, torques, duration, x)
+            move_state(settings, machine, torques, duration, x)
     late: float = whole * settings.period + part
     return late

@@ -188,8 +188,10 @@ def _torque(settings: Any, chain: Chain, samples: Array, memory: Array, tau: Arr
             begin_filter(known, chain, q, qd, x, cov, drive, commands)
         else:
             follow(known, chain, commands, q, qd, x, cov, drive)
-        ahead = x.copy()
-        late = look_ahead(known, chain, commands, ahead, drive.copy())
+        ahead, late = x, 0.0
+        if size == FULL_SIZE:
+            ahead = x.copy()
+            late = look_ahead(known, chain, commands, ahead, drive.copy())
         _law(known, chain, ahead, late, samples[2:5, row], own[last + N_JOINTS :], tau[row])
         for age in range(waiting - 1, 0, -1):
             commands[age, :] = commands[age - 1]

@@ -35,6 +35,7 @@ from planners.excavator.filter_model import (
     VELOCITIES,
     accelerate,
     arriving,
+    machine_of,
     move_state,
 )
 from planners.excavator.newton_euler import Chain, torque_single
@@ -104,11 +105,11 @@ def follow(
 def _predict(settings: Any, chain: Chain, commands: Array, x: Array, cov: Array, drive: Array) -> None:
     """Move state and covariance on by one period; ``drive`` becomes the torque at its end."""
     size, period, begin = x.shape[0], settings.period, drive.copy()
-    torques, mean = np.empty((2, 3, N_JOINTS)), np.empty(N_JOINTS)
+    machine, torques, mean = machine_of(chain, x), np.empty((2, 3, N_JOINTS)), np.empty(N_JOINTS)
     part = arriving(settings, commands, x, drive, torques, mean)
     # Derivative of the mean acceleration by the state, by differences; F is exact to second order in the period.
     at, slope, spread, f = np.empty(N_JOINTS), np.empty(N_JOINTS), np.zeros(N_JOINTS), np.eye(size)
-    accelerate(settings, chain, x, mean, at)
+    accelerate(settings, machine, x, mean, at)
     for i in range(N_JOINTS):
         f[ANGLES + i, VELOCITIES + i] = period
     for k in range(size):
@@ -119,7 +120,7 @@ def _predict(settings: Any, chain: Chain, commands: Array, x: Array, cov: Array,
         else:
             kept, step = x[k], 1e-3 * settings.deviation[k] if k < N_LOAD else 1e-6
             x[k] += step
-            accelerate(settings, chain, x, mean, slope)
+            accelerate(settings, machine, x, mean, slope)
             x[k] = kept
             for i in range(N_JOINTS):
                 slope[i] = (slope[i] - at[i]) / step
@@ -133,7 +134,7 @@ def _predict(settings: Any, chain: Chain, commands: Array, x: Array, cov: Array,
     for later in range(2):
         duration = period - part if later else part
         if duration > 0.0:
-            move_state(settings, chain, torques[later], duration, x)
+            move_state(settings, machine, torques[later], duration, x)
 
 
 @private
@@ -164,7 +165,7 @@ def _by_likely(
         x[k] = high if end else low
         if k == LATENCY:
             arriving(settings, commands, x, drive.copy(), torques, other)
-        accelerate(settings, chain, x, other, ends[end])
+        accelerate(settings, machine_of(chain, x), x, other, ends[end])
     x[k] = kept
     for i in range(N_JOINTS):
         slope[i] = (ends[1, i] - ends[0, i]) / (high - low)
