@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 import envs
 from agents.console import say
 from agents.environments import import_env, task_type
-from agents.policies.lookup import shipped_policies
+from agents.policies.lookup import find_policy, shipped_policies
 from agents.tables import Table
 from agents.yaml_config import shipped_configs
 from envs.experts import expert_names
@@ -76,7 +76,7 @@ def _environment(env_id: str) -> Document:
     return {
         "summary": _summary(env_id, task),
         "experts": expert_names(env_id),
-        "agents": shipped_policies(env_id),
+        "agents": {name: find_policy(name, env_id).summary for name in shipped_policies(env_id)},
         "control_modes": list(card.control_modes),
         "links": list(card.links),
         "recipe": card.recipe,
@@ -153,8 +153,8 @@ def _show_names(document: Document) -> None:
 def _show_environment(env_id: str, entry: Document) -> None:
     say(f"{env_id}: {entry['summary']}\n")
     say(f"Experts: {', '.join(entry['experts'])}. Their control modes: {', '.join(entry['control_modes'])}.\n")
-    if entry["agents"]:
-        say(f"Agents: {', '.join(entry['agents'])}.\n")
+    for name, summary in entry["agents"].items():
+        say(f"Policy {name}. {summary}\n")
     for title, key in (
         ("Settings (--settings key=value)", "settings"),
         ("Reset options (--options key=value)", "options"),

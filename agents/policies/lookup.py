@@ -45,6 +45,11 @@ class NamedPolicy:
     unknown_actions: bool = False
 
     @property
+    def summary(self) -> str:
+        """The first line of the card of an agent; empty for a policy without one."""
+        return str(self.policy.document.get("summary", "")) if isinstance(self.policy, Agent) else ""
+
+    @property
     def is_expert(self) -> bool:
         """Whether it is a scripted expert."""
         return isinstance(self.policy, str)

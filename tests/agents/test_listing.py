@@ -26,7 +26,9 @@ def test_every_name_is_there(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert not [name for name in document["recipes"] if name.startswith("arms/") or name == "benchmark"]
     for env_id in envs.env_ids():
         assert document["environments"][env_id]["experts"] == expert_names(env_id)
-        assert document["environments"][env_id]["agents"] == shipped_policies(env_id)
+        cards = document["environments"][env_id]["agents"]
+        assert list(cards) == shipped_policies(env_id)
+        assert all(card.startswith("Against ") for card in cards.values())
         assert env_id in out
     assert "optimal" in document["planners"]["dpct"]
     for name in (*planners.arm_names(), *document["planners"], "follower", "computed_torque", "ppo/ObstacleDodge-v0"):
