@@ -19,6 +19,9 @@ from planners.typing import Array
 PAYLOAD_TOLERANCE = 0.01
 """Replan when the payload estimate differs by more from the one planned for, kg."""
 
+SOONEST = 4
+"""Control periods after which a plan to a target seen with noise is made anew for the first time; then at 8, 16, ..."""
+
 REST = 1e-3
 """Joint velocity up to which a plan ends at rest, rad/s."""
 
@@ -27,7 +30,9 @@ class PlanningExpert(Expert):
     """Plans at the start of an episode, and periodically if asked to; tracks the plan by computed torque.
 
     An environment is replanned where its observation does not continue the last episode, and where the payload
-    estimate has changed. Without a plan (the problem has no solution), and past its end, the arm brakes within limits.
+    estimate has changed. A plan to a moving target that is seen with noise goes on with better and better estimates of
+    it: from the planned state of 4, 8, 16, ... periods after the start, up to half of the episode.
+    Without a plan (the problem has no solution), and past its end, the arm brakes within limits.
     The `state` is a record of each environment's plan, and the control periods left at the next observation.
 
     Args:
@@ -86,6 +91,13 @@ class PlanningExpert(Expert):
             failed = outdated & ~self._replan(plans, observations, left, outdated)
             # Not every planner starts from a moving arm; in the first periods the old start is close enough.
             self._replan(plans, origin, begun, failed)
+        if self._robust is not None and self._robust.chases:
+            elapsed = self.task.horizon_steps - left
+            known_better = wanted & ~due & (plans["begun"] - left < plans["last"])
+            known_better &= (elapsed >= SOONEST) & (elapsed & (elapsed - 1) == 0) & (2 * elapsed < left + elapsed)
+            if known_better.any():
+                plans = plans.copy()
+                self._replan(plans, observations, left, known_better, joined=True)
         rows, sample = np.arange(len(observations)), np.maximum(0, plans["begun"] - left)
         now, ahead = np.minimum(sample, plans["last"]), np.minimum(sample + 1, plans["last"])
         qdd = tracking_acceleration(
@@ -104,14 +116,28 @@ class PlanningExpert(Expert):
         return self._action_for(seen, qdd), (plans, left - 1)
 
     def _replan(
-        self, plans: NDArray[Any], observations: Observation, left: NDArray[np.int64], due: NDArray[np.bool_]
+        self,
+        plans: NDArray[Any],
+        observations: Observation,
+        left: NDArray[np.int64],
+        due: NDArray[np.bool_],
+        *,
+        joined: bool = False,
     ) -> NDArray[np.bool_]:
-        """Replace plans in place, from observations with so many periods left, and say which have been replaced."""
+        """Replace plans in place, from observations with so many periods left, and say which have been replaced.
+
+        With ``joined`` a plan starts in the state in which the one before it is.
+        """
         planned = np.zeros_like(due)
         period = self.task.config.control_period
         plans["payload"][due] = self._payload[due]
         for row in np.flatnonzero(due):
             problem = self.task.motion_problem(observations[row])
+            if joined:
+                sample = int(plans["begun"][row] - left[row])
+                q, qd = plans["q"][row], plans["qd"][row]
+                acceleration = (qd[sample + 1] - qd[sample - 1]) / (2.0 * period)
+                problem = replace(problem, q=q[sample], qd=qd[sample], qdd=acceleration)
             plan = self._plan(self._planner, replace(problem, payload=float(self._payload[row])))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)

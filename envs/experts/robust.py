@@ -12,9 +12,14 @@ from envs.observation import Observation
 from envs.task import Task
 from envs.uncertainty.draw import DRAWN, ends
 from planners.control import ArmObserver, Estimate, ObserverSettings
+from planners.control.point_filter import WIDTH, PointFilter
 from planners.typing import Array
 
 _NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
+
+_MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
+"""What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
+acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
 
 
 @dataclass(frozen=True)
@@ -24,16 +29,18 @@ class RobustState:
     Attributes:
         expert: the state of the expert itself.
         memory: of the observer, a row an environment.
+        points: of the filter of each kind of points that a camera sees.
         due: control periods left at the next observation, ``(num_envs,)``.
     """
 
     expert: Any
     memory: Array
+    points: dict[str, Array]
     due: NDArray[np.int64]
 
 
 class RobustTracking:
-    """A Kalman filter and a prediction over the latency between the observations and an expert.
+    """Kalman filters and a prediction over the latency between the observations and an expert.
 
     The expert observes joints, and what moves besides, as they are estimated for the time at which its action reaches
     the joints, and the time left from then on, less than a period short. Its accelerations become torques of the
@@ -48,6 +55,16 @@ class RobustTracking:
         config, far = task.config, {name: max(task.uncertainty.ends[name]) for name in DRAWN}
         steps = round(config.control_period / config.physics_step)
         self._task = task
+        camera, scales = far["camera_noise"], {entry.name: entry.scale for entry in task.layout.entries}
+        self._points = {
+            name: PointFilter(
+                config.control_period,
+                (camera, camera / config.control_period if f"{name}_velocity" in scales else 0.0),
+                share * scales.get(f"{name}_acceleration", 0.0),
+            )
+            for name, share in _MANOEUVRE.items()
+            if camera > 0.0 and name in scales
+        }
         self._observer = ArmObserver(
             task.arm,
             ObserverSettings(
@@ -76,6 +93,11 @@ class RobustTracking:
             or (name == "payload" and isinstance(setting, tuple))
         )
 
+    @property
+    def chases(self) -> bool:
+        """Whether the target moves and is seen with noise."""
+        return "part" in self._points
+
     def update(
         self, observations: Observation, before: RobustState | None, starts: NDArray[np.bool_]
     ) -> tuple[Observation, Estimate, RobustState, NDArray[np.bool_]]:
@@ -91,9 +113,10 @@ class RobustTracking:
         seen = layout.parse(observations)
         left = np.rint(seen["time_left"][:, 0] / period).astype(np.int64)
         if before is None or len(before.due) != len(left):
-            before = RobustState(None, np.zeros((len(left), self._observer.width)), left + 1)
+            before = RobustState(None, np.zeros((len(left), self._observer.width)), {}, left + 1)
         begins, memory = starts | (before.due != left), before.memory.copy()
         estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
+        points = self._filtered(seen, before, begins)
         settings = self._observer.settings
         late = settings.late * period / settings.steps
         seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
@@ -105,7 +128,27 @@ class RobustTracking:
         expected = observations.copy()
         for entry, place in layout.slices():
             expected[:, place] = np.clip(seen[entry.name] / entry.scale, -entry.bound, entry.bound)
-        return expected, estimate, RobustState(before.expert, memory, left - 1), begins
+        return expected, estimate, RobustState(before.expert, memory, points, left - 1), begins
+
+    def _filtered(self, seen: dict[str, Array], before: RobustState, begins: NDArray[np.bool_]) -> dict[str, Array]:
+        """The filters of the points after a sample, which they replace by their estimates in ``seen``."""
+        points = {}
+        for name, kind in self._points.items():
+            shape, rows = seen[name].shape, len(begins)
+            place = seen[name].reshape(rows, -1, 2)
+            rate = np.zeros_like(place)
+            if f"{name}_velocity" in seen:
+                rate = seen[f"{name}_velocity"].reshape(place.shape)
+            known: Array | float = 0.0
+            if kind.manoeuvre == 0.0 and f"{name}_acceleration" in seen:
+                known = seen[f"{name}_acceleration"].reshape(place.shape)
+            memory = before.points[name].copy() if before.points else np.zeros((rows, place.shape[1], WIDTH))
+            kind.update(memory, begins, place, rate, known)
+            seen[name] = memory[..., :2].reshape(shape)
+            if f"{name}_velocity" in seen:
+                seen[f"{name}_velocity"] = memory[..., 2:4].reshape(shape)
+            points[name] = memory
+        return points
 
     def after(self, state: RobustState, tau: Array, expert: Any) -> RobustState:
         """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""

@@ -100,3 +100,10 @@ def test_settings_without_uncertainty_leave_observations_as_they_are() -> None:
         assert state == ()
         np.testing.assert_array_equal(action, other.unfiltered().predict(observation)[0])
         observation, *_ = plain.step(action)
+
+
+@pytest.mark.parametrize("name", ["apf", "lagrange"])
+def test_a_part_that_a_camera_sees_with_noise_is_met(name: str) -> None:
+    level = envs.task_card("ConveyorTrack-v0").levels["noise"]
+    assert share("ConveyorTrack-v0", name, **level.settings) >= 5 / 6
+    assert share("ConveyorTrack-v0", name, filtered=False, **level.settings) <= 1 / 6
