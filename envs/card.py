@@ -68,7 +68,8 @@ class Picture:
         measure: the curve's value, from the record.
         outcome: the result of an episode in words, from its last info and its duration (s).
         target: where the hand should be, ``(2,)``, m, from the task and the record.
-        discs: fields of the record with the centres ``(discs, 2)`` and radii ``(discs,)`` of the obstacles, m.
+        discs: centres ``(discs, 2)`` and radii ``(discs,)`` of the obstacles, m, from the task and the record.
+        second_arm: joints and hand of an arm to avoid, ``(n, 2)``, m, from the task and the record; none if n is 0.
         arrival: key of the time at which a success was reached, s; None for the end of the episode.
         logarithmic: whether the measure spans decades.
         tolerance: setting that holds the largest measure that counts as success, m.
@@ -80,7 +81,8 @@ class Picture:
     measure: Callable[[Any], float]
     outcome: Callable[[Info, float], str]
     target: Callable[[Any, Any], Array]
-    discs: tuple[str, str] | None = None
+    discs: Callable[[Any, Any], tuple[Array, Array]] | None = None
+    second_arm: Callable[[Any, Any], Array] | None = None
     arrival: str | None = None
     logarithmic: bool = False
     tolerance: str | None = None

@@ -29,6 +29,7 @@ class EpisodeRecord:
     target: Array  # where the hand should be, ``(samples, 2)``, m
     discs: Array  # centres of the discs, ``(samples, discs, 2)``, m; none in tasks without them
     radii: Array  # of the discs, ``(discs,)``, m
+    second_arm: Array  # joints and hand of an arm to avoid, ``(samples, 3, 2)``, m; ``(samples, 0, 2)`` without one
     measure: Array  # the measure of the picture, ``(samples,)``
     tolerance: float | None  # largest measure that counts as success, if there is one
     info: Info  # the last one of the episode, with its return and length
@@ -69,17 +70,18 @@ def record_episode(
     picture = picture_of(env_id)
     with closing(make_one(env_id, named.settings(settings or {}))) as env:
         task: Task = env.unwrapped.task  # type: ignore[attr-defined]
-        samples: list[tuple[Array, Array, Array, float]] = []
+        samples: list[tuple[Array, Array, Array, Array, float]] = []
 
         def sample(steps: int, ended: bool) -> None:
             state = task.batch[0]
             joints = task.arm.joint_positions(state["q"])
             joints[-1] = task.hand_position(0)
-            discs = state[picture.discs[0]].copy() if picture.discs else np.empty((0, 2))
-            samples.append((joints, picture.target(task, state), discs, picture.measure(state)))
+            discs = picture.discs(task, state)[0] if picture.discs else np.empty((0, 2))
+            second = picture.second_arm(task, state) if picture.second_arm else np.empty((0, 2))
+            samples.append((joints, picture.target(task, state), discs, second, picture.measure(state)))
 
         info = play(env, named.policy, seed, options, sample)
-        joints, target, discs, measure = (np.array(values) for values in zip(*samples, strict=True))
+        joints, target, discs, second_arm, measure = (np.array(values) for values in zip(*samples, strict=True))
         period = task.config.control_period
         if picture.rate:
             rates = np.diff(measure) / period
@@ -93,7 +95,8 @@ def record_episode(
             joints=joints,
             target=target,
             discs=discs,
-            radii=task.batch[0][picture.discs[1]].copy() if picture.discs else np.empty(0),
+            radii=picture.discs(task, task.batch[0])[1] if picture.discs else np.empty(0),
+            second_arm=second_arm,
             measure=measure,
             tolerance=None if picture.tolerance is None else 1e3 * getattr(task.config, picture.tolerance),
             info=info,

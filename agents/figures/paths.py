@@ -73,6 +73,7 @@ def _view(records: Sequence[EpisodeRecord], times: Array) -> tuple[float, float,
         points += [record.joints[: shown[-1] + 1, -1], record.target[shown]]
         if not record.picture.belt:
             points.append(record.joints[shown].reshape(-1, 2))
+        points.append(record.second_arm[shown, 1:].reshape(-1, 2))
         for disc, radius in enumerate(record.radii):
             points += [record.discs[shown, disc] + radius, record.discs[shown, disc] - radius]
     low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
@@ -95,10 +96,14 @@ def _draw_panel(axes: Axes, record: EpisodeRecord, times: Array, color: Rgb, sca
             _draw_part(axes, record.target[sample], shade, label)
         for disc, radius in enumerate(record.radii):
             _draw_disc(axes, record.discs[sample, disc], float(radius), shade, label)
+        if record.second_arm.shape[1]:
+            _draw_arm(axes, record.second_arm[sample], shade, link, palette.BAD)
         _draw_arm(axes, record.joints[sample], shade, link)
     until = shown[-1] + 1
     for disc in range(len(record.radii)):
         axes.plot(*record.discs[:until, disc].T, color=rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
+    if record.second_arm.shape[1]:
+        axes.plot(*record.second_arm[:until, -1].T, color=rgb(palette.BAD), linestyle=":", linewidth=1.3, zorder=5)
     hand = record.joints[:until, -1]
     axes.plot(*hand.T, color="white", linewidth=4.0, zorder=6)
     axes.plot(*hand.T, color=color, linewidth=2.2, zorder=6)
@@ -131,8 +136,8 @@ def _instants(record: EpisodeRecord, times: Array) -> tuple[list[int], list[str]
     return [record.sample_at(time) for time in (*before, record.duration)], [*labels[: len(before)], end]
 
 
-def _draw_arm(axes: Axes, joints: Array, shade: float, width: float) -> None:
-    color = rgb(mix(palette.BORDER, palette.LINK_BASE, 0.15 + 0.85 * shade))
+def _draw_arm(axes: Axes, joints: Array, shade: float, width: float, full: Color = palette.LINK_BASE) -> None:
+    color = rgb(mix(palette.BORDER, full, 0.15 + 0.85 * shade))
     zorder = 3.0 + shade
     axes.plot(*joints.T, color=color, linewidth=width, solid_capstyle="round", solid_joinstyle="round", zorder=zorder)
     axes.plot(*joints[:-1].T, color="white", marker="o", markersize=2.6, linestyle="", zorder=zorder)

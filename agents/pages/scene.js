@@ -89,6 +89,7 @@ export class SceneView {
     if (scene.ground !== null) this.#ground(scene.ground);
     if (scene.belt) this.#belt(scene.belt);
     for (const disc of scene.obstacles) this.#obstacle(disc);
+    if (scene.second_arm?.length) this.#secondArm(scene.second_arm);
     if (scene.target) this.#target(scene.target);
     for (const ghost of ghosts) {
       if (ghost.scene.part && scene.part && length(minus(ghost.scene.part, scene.part)) > 1e-3) {
@@ -253,6 +254,19 @@ export class SceneView {
     for (const way of [[1, 0], [0, 1], [-1, 0], [0, -1]]) {
       this.#line(add(center, way, 9 * unit), add(center, way, 18 * unit), 2.5 * unit, palette.good);
     }
+  }
+
+  #secondArm(joints) {
+    const { palette, unit } = this;
+    const points = joints.map(([x, y]) => this.pixel([x, y]));
+    const radius = joints[0][2] * this.scale;
+    this.#disc(points[0], 1.6 * radius, palette.border);
+    for (const [color, thinner] of [[palette.bad, 0], [mix(palette.bad, palette.panel, 0.62), 2.5 * unit]]) {
+      for (let i = 1; i < points.length; i++) {
+        this.#capsule(points[i - 1], points[i], [radius - thinner, radius - thinner], color);
+      }
+    }
+    for (const point of points) this.#disc(point, 0.35 * radius, mix(palette.bad, palette.panel, 0.3));
   }
 
   #obstacle([x, y, radius]) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from envs.best_known import lower_bound
 from envs.card import Bound, Info, Metric, Picture, TaskCard
@@ -12,6 +13,7 @@ from envs.obstacle_dodge.controls import CONTROLS
 from envs.obstacle_dodge.experts import REPLAN_EVERY, DodgingExpert, pass_via_nodes, time_along_line
 from envs.obstacle_dodge.levels import LEVELS
 from planners import trapezoid
+from planners.typing import Array
 
 
 def _outcome(info: Info, duration: float) -> str:
@@ -21,6 +23,11 @@ def _outcome(info: Info, duration: float) -> str:
     if info["is_success"]:
         return f"at the goal after {info['time_to_goal']:.2f} s,\n{clearance}"
     return f"not at the goal after {duration:.1f} s,\n{clearance}"
+
+
+def _discs(task: Any, record: Any) -> tuple[Array, Array]:
+    free = task.config.num_obstacles
+    return record["discs"][:free].copy(), record["radii"][:free].copy()
 
 
 CARD = TaskCard(
@@ -53,7 +60,8 @@ CARD = TaskCard(
         measure=lambda record: 1e3 * float(record["clearance"]),
         outcome=_outcome,
         target=lambda task, record: record["goal"].copy(),
-        discs=("discs", "radii"),
+        discs=_discs,
+        second_arm=lambda task, record: task.second_arm(record),
         arrival="time_to_goal",
     ),
     controls=CONTROLS,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.obstacle_dodge.kernels import move_discs, sample_at
+from envs.obstacle_dodge.kernels import measure_clearance, move_discs, sample_at
 from envs.physics.closed_form import integrate, read_chain, read_links, vector, write_joints
 from envs.physics.episode import table_of
 from envs.physics.packs import WIDTH, least, memory, most, reals, sine_and_cosine, spread, square_root
@@ -29,8 +29,15 @@ def _move_among_discs(batch: Any, model: Any, first: int, last: int, steps: int)
             sine, cosine = sine_and_cosine(phi[i])
             across_x[i], across_y[i] = shared.lengths[i] * cosine, shared.lengths[i] * sine
         gap[0] = spread(np.inf)
-        for disc in range(batch[first].radii.shape[0]):
-            gap[0] = least(gap[0], _clearance(batch, shared, first, last, step, disc, across_x, across_y))
+        if shared.second_arm_kernel == 0:
+            for disc in range(shared.num_obstacles):
+                gap[0] = least(gap[0], _clearance(batch, shared, first, last, step, disc, across_x, across_y))
+        else:  # one by one: the second arm is measured as with Pymunk
+            write_joints(batch, first, last, phi, w)
+            for index in range(first, last):
+                env = batch[index]
+                move_discs(env, shared, env.step * shared.control_period + (step + 1) * shared.physics_step)
+                reals(gap)[index - first] = measure_clearance(env, shared)
         closest[0] = least(closest[0], gap[0])
     write_joints(batch, first, last, phi, w)
     for index in range(first, last):

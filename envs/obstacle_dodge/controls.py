@@ -25,8 +25,9 @@ def _move_goal(task: Any, record: Any, point: Array, index: int = 0) -> bool:
 
 
 def _move_disc(task: Any, record: Any, point: Array, index: int = 0) -> bool:
-    if not index < len(record["discs"]):
-        raise ValueError(f"there are {len(record['discs'])} discs, counted from 0; {index} is none of them")
+    free = task.config.num_obstacles
+    if not index < free:
+        raise ValueError(f"there are {free} discs, counted from 0; {index} is none of them")
     paths = _continue_paths(task, record)
     paths[:, index] += point - record["discs"][index]
     task.write_table(record, paths)
@@ -35,7 +36,7 @@ def _move_disc(task: Any, record: Any, point: Array, index: int = 0) -> bool:
 
 
 def _set_radius(task: Any, record: Any, radius: float) -> bool:
-    record["radii"] = radius
+    record["radii"][: task.config.num_obstacles] = radius
     return True
 
 
@@ -52,7 +53,7 @@ def _continue_paths(task: Any, record: Any) -> Array:
 
 CONTROLS = (
     Control("goal", "goal", lambda task, record: record["goal"][None].copy(), _move_goal),
-    Control("disc", "disc", lambda task, record: record["discs"].copy(), _move_disc),
+    Control("disc", "disc", lambda task, record: record["discs"][: task.config.num_obstacles].copy(), _move_disc),
     Control(
         "radius",
         "disc radius (m)",

@@ -16,6 +16,7 @@ from envs.observation import Entry, Layout, Observation
 from envs.obstacle_dodge import kernels
 from envs.obstacle_dodge.closed_form import MOVE_AMONG_DISCS
 from envs.obstacle_dodge.scale import scale_of_task
+from envs.obstacle_dodge.second_arm import DISCS, PER_LINK, SECOND_ARM, cover_radii
 from envs.obstacle_dodge.starts import DodgeStarts, Episode, ObstacleDodgeOptions, paper_scenario
 from envs.task import LimitSettings, Task, whole_periods
 from envs.uncertainty.draw import Positive
@@ -27,9 +28,11 @@ class ObstacleDodgeConfig(LimitSettings):
     """Settings of ObstacleDodge-v0.
 
     Attributes:
-        num_obstacles: number of discs.
-        observed_discs: number of discs for which an observation has room; `num_obstacles` when left out. In the places
-            without a disc every entry is 0, also the radius.
+        num_obstacles: number of discs; 0 only beside a second arm.
+        second_arm: whether a second arm of the same kind moves in the same space, from rest to rest between random
+            postures. It is observed as eight discs behind the others.
+        observed_discs: number of discs for which an observation has room besides those of the second arm;
+            `num_obstacles` when left out. In the places without a disc every entry is 0, also the radius.
         camera_noise: standard deviation of the observed positions of goal and discs, along either axis, m; that of the
             discs' velocities is this over the control period.
         tolerance: largest distance between hand and goal that counts as there, m.
@@ -42,7 +45,8 @@ class ObstacleDodgeConfig(LimitSettings):
     control_mode: Literal["torque", "acceleration", "velocity"] = "torque"
     horizon: float = Field(8.0, gt=0.0, le=60.0)
     physics_step: float = Field(0.0025, gt=0.0)
-    num_obstacles: int = Field(1, ge=1, le=4)
+    second_arm: bool = False
+    num_obstacles: int = Field(1, ge=0, le=4)
     observed_discs: int | None = Field(None, ge=1, le=4)
     camera_noise: Positive = 0.0
     tolerance: float = Field(0.03, gt=0.0)
@@ -51,6 +55,13 @@ class ObstacleDodgeConfig(LimitSettings):
     clearance_weight: float = Field(0.5, ge=0.0)
     collision_penalty: float = Field(2.0, ge=0.0)
     limit_penalty: float = Field(0.1, ge=0.0)
+
+    @field_validator("num_obstacles")
+    @classmethod
+    def _something_to_avoid(cls, discs: int, others: ValidationInfo) -> int:
+        if discs == 0 and not others.data.get("second_arm", False):
+            raise ValueError("nothing to avoid; ask for 1 to 4 discs, or set second_arm=True")
+        return discs
 
     @field_validator("observed_discs")
     @classmethod
@@ -155,7 +166,9 @@ class ObstacleDodge(Task):
     def __init__(self, config: ObstacleDodgeConfig, num_envs: int) -> None:
         arm = dodging_arm(config)
         self.scale = scale_of_task(arm)
-        self.layout = layout_of(arm, config.observed_discs or config.num_obstacles)
+        along = DISCS if config.second_arm else 0
+        self.n_discs = config.num_obstacles + along
+        self.layout = layout_of(arm, (config.observed_discs or config.num_obstacles) + along)
         self.view = scaled_view(VIEW, arm, SCARA_50CM)
         samples = math.ceil(config.horizon / self.scale.path_step - 1e-6) + 1
         constants = {
@@ -164,13 +177,18 @@ class ObstacleDodge(Task):
             "path_step": self.scale.path_step,
             "path_samples": samples,
         }
-        fields = kernels.env_fields(config.num_obstacles)
-        shape = samples, config.num_obstacles, 2
-        own = {"physics_kernel": MOVE_AMONG_DISCS if config.physics == "closed_form" else None}
+        fields = kernels.env_fields(self.n_discs)
+        shape = samples, self.n_discs, 2
+        own = {
+            "physics_kernel": MOVE_AMONG_DISCS if config.physics == "closed_form" else None,
+            "second_arm_kernel": SECOND_ARM if config.second_arm else None,
+        }
         super().__init__(config, arm, num_envs, fields, constants, table_shape=shape, kernels=own)
         acceleration = 0.5 * arm.limits.array("acceleration")
         self._planning_limits = replace(arm.limits, acceleration=tuple(acceleration.tolist()))
-        self._starts = DodgeStarts(arm, self._planning_limits, samples, config.num_obstacles, self.scale)
+        self._starts = DodgeStarts(
+            arm, self._planning_limits, samples, config.num_obstacles, self.scale, config.second_arm
+        )
 
     @classmethod
     def fit(cls, config: ObstacleDodgeConfig) -> ObstacleDodgeConfig:
@@ -198,7 +216,9 @@ class ObstacleDodge(Task):
     def write_start(self, record: Any, start: Episode) -> None:
         """Write posture, goal and disc paths."""
         record["q"], record["goal"] = start.start, start.goal
-        record["radii"] = start.radius
+        free = self.config.num_obstacles
+        record["radii"][:free], record["radii"][free:] = start.radius, cover_radii(self.arm)[: self.n_discs - free]
+        record["second_base"] = start.second_base
         self.write_table(record, start.path)
 
     def outcome(self, record: Any) -> dict[str, Any]:
@@ -217,6 +237,14 @@ class ObstacleDodge(Task):
         For bounds and pictures: no policy observes it.
         """
         return self.table(env_index)
+
+    def second_arm(self, record: Any) -> Array:
+        """Joints and hand of the second arm, ``(3, 2)``, m; ``(0, 2)`` without one. For pictures."""
+        if not self.config.second_arm:
+            return np.empty((0, 2))
+        return np.concatenate(
+            [[record["second_base"]], record["discs"][self.config.num_obstacles :][PER_LINK - 1 :: PER_LINK]]
+        )
 
     def hand_goal(self, seen: dict[str, Array]) -> tuple[Array, Array, Array]:
         """The fixed goal: position, velocity and acceleration, each ``(..., 2)``."""
@@ -241,10 +269,13 @@ class ObstacleDodge(Task):
         """Goal and discs, distance, least clearance, and for how long the goal has been held."""
         distance, clearance = float(record["distance"]), float(record["min_clearance"])
         held = int(record["held_steps"]) * self.config.control_period
-        discs = zip(record["discs"].tolist(), record["radii"].tolist(), strict=True)
+        free = self.config.num_obstacles
+        discs = zip(record["discs"][:free].tolist(), record["radii"][:free].tolist(), strict=True)
+        thick = self.arm.link_radius
         return {
             "target": record["goal"].copy(),
             "obstacles": tuple((x, y, radius) for (x, y), radius in discs),
+            "second_arm": tuple((x, y, thick) for x, y in self.second_arm(record).tolist()),
             "status": (
                 ("distance to goal", f"{1e3 * distance:.0f} mm", distance <= self.config.tolerance),
                 ("least clearance", f"{1e3 * clearance:.0f} mm", clearance > 0.0),

@@ -89,7 +89,7 @@ class DodgingExpert(Expert):
     def __init__(self, task: ObstacleDodge, gains: DodgeGains | None = None) -> None:
         super().__init__(task)
         self._rules: dict[str, Any] = {"tolerance": task.config.tolerance, "hold_time": task.config.hold_time}
-        self._discs = task.config.num_obstacles
+        self._discs = task.n_discs
         self._gains = gains or in_units(tuned_gains(self._discs), task.scale)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:

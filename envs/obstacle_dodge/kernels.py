@@ -22,13 +22,16 @@ from envs.physics.episode import (
 )
 from envs.physics.rigid_bodies import arriving, read_joint_state, step_physics
 from envs.uncertainty.kernels import add_camera_noise, add_joint_noise
-from planners.compiled.calls import Kernel, call, copy_array, inlined, private
+from planners.compiled.calls import Kernel, call, call_real, copy_array, inlined, private
 from planners.robot.clearance import clearance_single
 from planners.robot.kinematics import hand_state_single, turned_towards, two_link_branch
 
 
 def env_fields(discs: int) -> list[tuple[Any, ...]]:
-    """Fields of an environment's record. Its table holds the path of each disc, ``(samples, discs, 2)``."""
+    """Fields of an environment's record. Its table holds the path of each disc, ``(samples, discs, 2)``.
+
+    The last of the discs are those along the second arm, if there is one (`envs.obstacle_dodge.second_arm`).
+    """
     return [
         ("goal", "f8", (2,)),
         ("postures", "f8", (2, 2)),
@@ -38,6 +41,7 @@ def env_fields(discs: int) -> list[tuple[Any, ...]]:
         ("discs", "f8", (discs, 2)),
         ("disc_velocities", "f8", (discs, 2)),
         ("disc_velocities_before", "f8", (discs, 2)),
+        ("second_base", "f8", (2,)),
         ("start_distance", "f8"),
         ("distance", "f8"),
         ("clearance", "f8"),
@@ -158,12 +162,14 @@ def sample_at(shared: Any, t: float) -> tuple[int, float]:
 
 @private
 def measure_clearance(env: Any, shared: Any) -> float:
-    """Distance between the surfaces of the arm and of the nearest disc, m."""
+    """Distance between the surfaces of the arm and of the nearest disc or the second arm, m."""
     nearest = np.inf
-    for disc in range(env.radii.shape[0]):
+    for disc in range(shared.num_obstacles):
         x, y = env.discs[disc, 0], env.discs[disc, 1]
         gap = clearance_single(shared.lengths, shared.base, shared.link_radius, env.q, x, y, env.radii[disc])
         nearest = min(nearest, gap)
+    if shared.second_arm_kernel != 0:
+        nearest = min(nearest, call_real(shared.second_arm_kernel, env, shared))
     return nearest
 
 

@@ -14,6 +14,7 @@ from envs.batch.pool import BATCH, COUNT, Words, job_of, work_on_all
 from envs.batch.records import Records
 from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_kind, draw_path, follow_points
 from envs.obstacle_dodge.scale import Scale
+from envs.obstacle_dodge.second_arm import DISCS, DRAW_SECOND_ARM
 from envs.physics.episode import table_of
 from envs.physics.rigid_bodies import model_record
 from envs.settings import Settings
@@ -71,13 +72,15 @@ class Episode(NamedTuple):
         start: joint angles, ``(2,)``, rad.
         goal: of the hand, ``(2,)``, m.
         radius: of the discs, m.
-        path: of the discs, ``(samples, discs, 2)``, m, as the bytes of float64.
+        path: of the discs, those along the second arm last, ``(samples, discs, 2)``, m, as the bytes of float64.
+        second_base: base of the second arm, ``(2,)``, m; 0 without one.
     """
 
     start: Array
     goal: Array
     radius: float
     path: bytes
+    second_base: Array
 
 
 OBSTACLE_RADIUS = 0.10
@@ -85,7 +88,7 @@ OBSTACLE_RADIUS = 0.10
 
 
 _TRIES = 10_000
-_DRAWN, _NO_POSTURE, _NO_PAIR = range(3)
+_DRAWN, _NO_POSTURE, _NO_PAIR, _NO_SECOND_ARM = range(4)
 
 
 _DRAW = np.dtype(
@@ -103,6 +106,7 @@ _DRAW = np.dtype(
         ("change", "f8", (2,)),
         ("top", "f8"),
         ("ramp", "f8"),
+        ("second_base", "f8", (2,)),
     ],
     align=True,
 )
@@ -112,7 +116,7 @@ _DRAW = np.dtype(
 the discs, or -1; `found` says whether there is a start. `speed` of the discs, or NaN, and `radius` are in the units of
 the arm. `start` and `end` are the postures at the start and with the hand at the `goal`, rad and m, drawn where they
 are NaN. The discs are aimed at a straight move: its `change` of the posture, `top` speed, `ramp` time, and the hand
-`at` its end, in the units of the arm.
+`at` its end, in the units of the arm. The base of the second arm is in m.
 """
 
 
@@ -125,10 +129,14 @@ class DodgeStarts:
         samples: number of samples of a disc's path, `Scale.path_step` apart.
         discs: number of discs.
         scale: units in which lengths and times are drawn.
+        second_arm: whether there is a second arm.
     """
 
-    def __init__(self, arm: Arm, limits: JointLimits, samples: int, discs: int, scale: Scale) -> None:
+    def __init__(
+        self, arm: Arm, limits: JointLimits, samples: int, discs: int, scale: Scale, second_arm: bool = False
+    ) -> None:
         self._arm, self._samples, self._discs, self._scale = arm, samples, discs, scale
+        self._second_arm, self._points = second_arm, discs + (DISCS if second_arm else 0)
         self._jobs: dict[Kernel, Words] = {}
         middle, reach = arm.limits.angle_middle, np.minimum(arm.limits.angle_half, np.pi)
         self._numbers = model_record(
@@ -148,6 +156,7 @@ class DodgeStarts:
                 "origin": (0.0, 0.0),
                 "samples": samples,
                 "discs": discs,
+                "points": self._points,
             }
         )
 
@@ -173,20 +182,29 @@ class DodgeStarts:
             self._work(draws, _DRAW_POSTURE)
             for draw in draws:
                 draw["end"] = self._posture_at(options.goal, draw["start"])
-        size, paths = 8 * 2 * self._samples * self._discs, [b""] * len(draws)
-        if given is None:
+        size, paths = 8 * 2 * self._samples * self._points, [b""] * len(draws)
+        if given is None or self._second_arm:
             paths = [bytes(size) for _ in draws]  # nobody else has them yet: they are written once, here
             draws["table"] = [np.frombuffer(path).__array_interface__["data"][0] for path in paths]
         self._work(draws, _DRAW_EPISODE)
+        if self._second_arm:
+            self._work(draws, DRAW_SECOND_ARM)
         if given is not None:  # what is drawn begins clear of the arm
             pace = 0.5 * FASTEST if math.isnan(speed) else speed
             lines = [follow_points(np.array(points) / length, pace, self._samples) for points in given]
             path = length * np.stack(lines, axis=1) + self._arm.base_array
             for draw in draws:
                 self._require_clear(draw["start"], path[0], radius)
-            paths = [path.tobytes()] * len(paths)
-        every = zip(draws["start"], draws["goal"], paths, strict=True)
-        return [Episode(start, goal, radius, path) for start, goal, path in every]
+            paths = [self._with_discs(drawn, path) for drawn in paths]
+        every = zip(draws["start"], draws["goal"], paths, draws["second_base"], strict=True)
+        return [Episode(start, goal, radius, path, base) for start, goal, path, base in every]
+
+    def _with_discs(self, drawn: bytes, discs: Array) -> bytes:
+        """Given paths of the discs, ``(samples, discs, 2)``, m, beside what is drawn of the second arm."""
+        if not self._second_arm:
+            return discs.tobytes()
+        columns = np.frombuffer(drawn).reshape(self._samples, self._points, 2)[:, self._discs :]
+        return np.concatenate([discs, columns], axis=1).tobytes()
 
     def _work(self, draws: Records, kernel: Kernel) -> None:
         """Let a kernel fill in what is to be drawn; a ValueError if nothing is found."""
@@ -209,6 +227,11 @@ class DodgeStarts:
             raise ValueError(
                 f"hardly any two postures of {ranges}, have hands {self._scale.length * LEAST_DISTANCE:.3g} m apart "
                 "with the elbow on one side; widen the ranges"
+            )
+        if found == _NO_SECOND_ARM:
+            raise ValueError(
+                "hardly any posture of a second arm is clear of the first one at its start and its goal; draw another "
+                "start or goal, or leave second_arm out"
             )
 
     def _posture_at(self, goal: Pair, start: Array) -> Array:
@@ -279,7 +302,7 @@ def _aim_at(draw: Any, arm: Any) -> None:
 @inlined
 def _draw_discs(generator: Any, draw: Any, arm: Any) -> None:
     """Write the paths of the discs, or draw no more than their kinds where the paths are given."""
-    path = table_of(draw, (arm.samples, arm.discs, 2))
+    path = table_of(draw, (arm.samples, arm.points, 2))
     for disc in range(arm.discs):
         kind = draw.kind
         if kind < 0:

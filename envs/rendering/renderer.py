@@ -63,6 +63,7 @@ class Renderer:
         if scene.belt is not None:
             workcell.draw_belt(canvas, camera, scene.belt)
         workcell.draw_obstacles(canvas, camera, scene.obstacles, unit)
+        workcell.draw_second_arm(canvas, camera, scene.second_arm, unit)
         if scene.target is not None:
             workcell.draw_target(canvas, camera, scene.target, unit)
         if scene.trail is not None:

@@ -40,6 +40,7 @@ class Scene:
         trail: past hand positions, newest last, ``(k, 2)``, m.
         target: position to reach, ``(2,)``, m.
         obstacles: discs ``(x, y, radius)``, m.
+        second_arm: joints and hand of an arm to avoid, ``(x, y, radius of the link)``, m, from its base on.
         status: lines of (label, value with its unit, whether it is good).
         bucket: fill of the bucket at the end of the arm, 0 to 1; a gripper if None.
         ground: height of the ground, for an arm that moves in a vertical plane, m.
@@ -57,6 +58,7 @@ class Scene:
     trail: Array | None = None
     target: Array | None = None
     obstacles: tuple[tuple[float, float, float], ...] = ()
+    second_arm: tuple[tuple[float, float, float], ...] = ()
     status: tuple[tuple[str, str, bool], ...] = ()
     bucket: float | None = None
     ground: float | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -120,6 +121,20 @@ def draw_obstacles(
         canvas.disc(center, pixels, palette.BAD)
         canvas.disc(center, pixels - 2.5 * unit, palette.mix(palette.BAD, palette.PANEL, 0.62))
         canvas.disc(center, 0.35 * pixels, palette.mix(palette.BAD, palette.PANEL, 0.3))
+
+
+def draw_second_arm(canvas: Canvas, camera: Camera, joints: Sequence[tuple[float, float, float]], unit: float) -> None:
+    """The capsules of an arm to avoid, in the colours of the discs."""
+    if not joints:
+        return
+    points = camera.pixels([joint[:2] for joint in joints])
+    radius = max(radius for *_, radius in joints) * camera.scale
+    canvas.disc(points[0], 1.6 * radius, palette.BORDER)
+    for color, thinner in ((palette.BAD, 0.0), (palette.mix(palette.BAD, palette.PANEL, 0.62), 2.5 * unit)):
+        for first, second in pairwise(points):
+            canvas.capsule(first, second, (radius - thinner, radius - thinner), color)
+    for point in points:
+        canvas.disc(point, 0.35 * radius, palette.mix(palette.BAD, palette.PANEL, 0.3))
 
 
 def draw_trail(canvas: Canvas, camera: Camera, trail: Array, unit: float) -> None:
