@@ -140,6 +140,9 @@ def dodging_arm(config: ObstacleDodgeConfig) -> Arm:
 VIEW = (-1.42, 1.42, -1.42, 1.42)
 """Part of the plane that a frame shows with its own arm, m."""
 
+WIDE_VIEW = (-1.7, 1.7, -1.7, 1.7)
+"""The same with a second arm, m."""
+
 
 class ObstacleDodge(Task):
     """The dodging task over a batch of environments; `ObstacleDodgeEnv` documents it."""
@@ -169,7 +172,7 @@ class ObstacleDodge(Task):
         along = DISCS if config.second_arm else 0
         self.n_discs = config.num_obstacles + along
         self.layout = layout_of(arm, (config.observed_discs or config.num_obstacles) + along)
-        self.view = scaled_view(VIEW, arm, SCARA_50CM)
+        self.view = scaled_view(WIDE_VIEW if config.second_arm else VIEW, arm, SCARA_50CM)
         samples = math.ceil(config.horizon / self.scale.path_step - 1e-6) + 1
         constants = {
             "link_radius": arm.link_radius,
@@ -303,6 +306,10 @@ class ObstacleDodgeEnv(PlanarArmEnv):
     and hold 0, also as radius. A disc keeps its place for the whole episode, so that a policy can follow its motion;
     the nearest is not put first, since discs would change places as they pass each other.
 
+    With `second_arm=True` eight more discs follow those of `num_obstacles`: four along each link of the second arm,
+    from the base outwards, the last of each link at its outer end. With their radius, 77 mm, they cover the link.
+    Planners avoid these discs; collisions are of the links themselves, capsules of 45 mm radius.
+
     ## Rewards
     The sum of five terms:
 
@@ -323,14 +330,22 @@ class ObstacleDodgeEnv(PlanarArmEnv):
     "paper"})` is a fixed crossing, as in the paper's figure 3. `start`, `goal`, `obstacle_kind`, `obstacle_speed`,
     `obstacle_radius` and `obstacle_paths` fix any of these.
 
+    A second arm (`second_arm`) is of the same kind. Its base is 1.35 to 1.5 m away, so far that it cannot reach the
+    base of the first, and at most 1 rad aside of a point through which the first arm would pass. It begins at rest,
+    0.3 m or more from the first arm, and moves from rest to rest by quintic time laws at 40 to 90 % of its velocity
+    limits. Four moves in five bring its hand within 0.15 m of a point of the first arm on its straight way to the goal.
+    Every posture in which it rests is 0.15 m or more clear of the first arm at its goal: it may sweep over the goal but
+    does not stay there. It neither sees the first arm nor collides with discs.
+
     ## Episode end
-    Terminated by a collision: the surfaces of disc and arm touch, measured after every physics step. Terminated by
-    success: the hand within 0.03 m of the goal for 0.5 s without a break. Truncated after `horizon` (8 s).
+    Terminated by a collision: the surfaces of disc and arm, or of both arms, touch, measured after every physics step.
+    Terminated by success: the hand within 0.03 m of the goal for 0.5 s without a break. Truncated after `horizon`
+    (8 s).
 
     ## Difficulty
-    Harder with more discs (`num_obstacles`), faster or larger ones (the options `obstacle_speed` and
-    `obstacle_radius`), a `payload` (no policy observes it) or another `arm`. In velocity mode all limits hold by
-    construction; in torque mode a policy has to keep them itself.
+    Harder with a second arm (`second_arm`), more discs (`num_obstacles`), faster or larger ones (the options
+    `obstacle_speed` and `obstacle_radius`), a `payload` (no policy observes it) or another `arm`. In velocity mode all
+    limits hold by construction; in torque mode a policy has to keep them itself.
 
     ## Version history
     * v0: the first version.

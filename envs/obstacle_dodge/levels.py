@@ -10,6 +10,7 @@ LEVELS = {
     "two_discs": Level("two discs", {"num_obstacles": 2}),
     "three_discs": Level("three discs", {"num_obstacles": 3}),
     "four_discs": Level("four discs", {"num_obstacles": 4}),
+    "second_arm": Level("a second arm beside the disc", {"second_arm": True}),
     "model_error": Level("each link up to 10 % lighter or heavier", {"mass_error": (-0.1, 0.1)}),
     "friction": Level(
         "joints with up to 0.05 N m s/rad and 0.05 N m of friction",
