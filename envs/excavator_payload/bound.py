@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from envs.excavator_payload.experts import filter_settings
+from envs.excavator_payload.estimation import filter_settings
 from planners import Infeasible
 from planners.excavator.kalman import KalmanComputedTorque
 
@@ -46,7 +46,7 @@ def known_payload_tip_rms(batch: Any, env_index: int, seed: int) -> float:
 def _tip_rms(env: Any, observation: Any) -> float:
     """The error over the episode that an environment is at the start of."""
     task, record = env.task, env.task.batch[0]
-    controller = KalmanComputedTorque(filter_settings(task))
+    controller = KalmanComputedTorque(filter_settings(task.config, task.uncertainty))
     limit = np.array(task.arm.limits.torque)
     truncated = terminated = False
     while not (truncated or terminated):

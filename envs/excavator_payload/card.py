@@ -33,7 +33,7 @@ CARD = TaskCard(
         "integral_computed_torque": partial(PayloadExpert, controller="integral-computed-torque"),
         "computed_torque": partial(PayloadExpert, controller="computed-torque"),
     },
-    control_modes=("torque", "residual"),
+    control_modes=("torque", "residual", "estimated"),
     bound=Bound(
         "tip_rms",
         "kalman's controller with payload and friction given: what noise and period leave",

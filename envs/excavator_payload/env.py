@@ -11,14 +11,14 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from envs.environment import PlanarArmEnv
-from envs.excavator_payload import kernels, reference, world
+from envs.excavator_payload import estimation, kernels, reference, world
 from envs.excavator_payload.hidden import Hidden, HiddenDraw
 from envs.excavator_payload.reference import Waypoints
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.settings import Settings
 from envs.task import Task, TaskSettings, whole_periods
-from envs.uncertainty.draw import Positive
+from envs.uncertainty.draw import Positive, Uncertainty
 from planners import FixedJoints, MotionProblem
 from planners.excavator.controllers import TYPICAL_PAYLOAD, make_controller
 from planners.excavator.plane import planar_arm
@@ -26,8 +26,6 @@ from planners.typing import Array
 
 Angles = tuple[float, float, float]
 
-LAG = 0.030
-"""Time constant of the drives on level 2, s."""
 PLANNED_SHARE = 0.65
 """Share of the torque limits that a plan may use."""
 FULL_REWARD = 10.0
@@ -38,7 +36,8 @@ class ExcavatorPayloadConfig(TaskSettings):
     """Settings of ExcavatorPayload-v0.
 
     Attributes:
-        control_mode: ``"torque"``, or ``"residual"`` to add to the torque of a controller for the empty bucket.
+        control_mode: ``"torque"``; ``"residual"`` to add to the torque of a controller for the empty bucket, or
+            ``"estimated"`` to that of the expert ``kalman``, whose estimate is observed then.
         payload: heaviest drawn payload, kg.
         lightest: lightest drawn payload, kg; equal to ``payload`` for a known one.
         level: 1, or 2 for drives that lag by 30 ms and a payload that is picked up and dropped during the episode.
@@ -49,7 +48,7 @@ class ExcavatorPayloadConfig(TaskSettings):
         failure_penalty: cost of an episode that ends early because a joint left its range or was too fast.
     """
 
-    control_mode: Literal["torque", "residual"] = "torque"
+    control_mode: Literal["torque", "residual", "estimated"] = "torque"
     horizon: float = Field(12.0, gt=0.0, le=reference.LONGEST_HORIZON)
     payload: float = Field(350.0, ge=0.0, le=350.0)
     lightest: float = Field(0.0, ge=0.0)
@@ -156,22 +155,31 @@ class ExcavatorPayload(Task):
 
     def __init__(self, config: ExcavatorPayloadConfig, num_envs: int) -> None:
         steps = whole_periods(config, "horizon", config.horizon)
-        residual = config.control_mode == "residual"
+        residual, estimated = config.control_mode == "residual", config.control_mode == "estimated"
         constants = {
-            "residual": residual,
+            "residual": residual or estimated,
+            "estimated": estimated,
             **_gains(config.control_period, residual),
             "judged_after": steps // 3,
             "settling_steps": steps // 6,
             "step_reward": FULL_REWARD / steps,
-            **world.machine_constants(config.physics_step, LAG if config.level == 2 else 0.0),
+            **world.machine_constants(config.physics_step, world.LAG if config.level == 2 else 0.0),
             **reference.dynamics_constants(),
         }
         fields = world.ENV_FIELDS + reference.ENV_FIELDS + kernels.ENV_FIELDS
         own = {
             **world.machine_kernels(config.physics),
             "residual_kernel": kernels.ADD_TO_CONTROLLER if residual else None,
+            "estimate_kernel": None,
         }
-        super().__init__(config, planar_arm(), num_envs, fields, constants, kernels=own)
+        arm = planar_arm()
+        if estimated:
+            settings = estimation.filter_settings(config, Uncertainty(config, arm))
+            constants["filter"] = settings.record()[0]
+            fields = [*fields, ("estimate", "f8", (settings.width,)), ("estimated_tau", "f8", (world.N_JOINTS,))]
+            own |= {"residual_kernel": estimation.ADD_TO_ESTIMATED, "estimate_kernel": estimation.ESTIMATE}
+            self.layout = Layout((*LAYOUT.entries, *estimation.ENTRIES))
+        super().__init__(config, arm, num_envs, fields, constants, kernels=own)
         self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))
@@ -291,6 +299,8 @@ class ExcavatorPayloadEnv(PlanarArmEnv):
     * `"torque"`: shares of the torque limits, 45, 22 and 10 kN m.
     * `"residual"`: shares of 18, 8.8 and 3 kN m, added to the torque of Slotine and Li's controller for the empty
       bucket, without adaptation (`planners.control.SlotineLi`); the sum is clipped at the limits.
+    * `"estimated"`: the same shares, added to the torque of the expert `kalman`, which runs inside the environment. Its
+      torque and its estimate are observed besides, 12 more numbers: `envs.excavator_payload.estimation.ENTRIES`.
 
     ## Observation space
     Angles and velocities have noise (standard deviations 1e-4 rad and 5e-3 rad/s; `encoder_noise=0` for none). At

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.excavator_payload.env import LAG, ExcavatorPayload
-from envs.excavator_payload.hidden import OFFSET
+from envs.excavator_payload.env import ExcavatorPayload
+from envs.excavator_payload.estimation import filter_settings
 from envs.excavator_payload.kernels import RESIDUAL_SHARE
 from envs.experts.base import Expert
 from envs.observation import Observation
 from planners.control import Controller
 from planners.excavator.controllers import ADAPTIVE, DEFAULT, make_controller
-from planners.excavator.kalman import FilterSettings, KalmanComputedTorque
+from planners.excavator.kalman import KalmanComputedTorque
 from planners.typing import Array
 
 KALMAN = "kalman"
 """The controller of :mod:`planners.excavator.kalman`."""
 
-LEAST_SPREAD = 1.0
-"""Least standard deviation of the payload's mass before the first sample, kg."""
-
 
 class PayloadExpert(Expert):
     """Tracks the reference; its `state` is the controller's memory, ``(num_envs, p + n)``.
 
-    In residual mode the action is what the controller's torque adds to that of the environment's own controller.
+    In the modes with a controller of the environment's own the action is what this controller's torque adds to that.
 
     Args:
         task: the environment's task.
@@ -57,15 +52,16 @@ class PayloadExpert(Expert):
         self._controller.reset(starts | self._begins(seen))
         q, qd = seen["joint_position"], seen["joint_velocity"]
         reference = q + seen["reference_error"], seen["reference_velocity"], seen["reference_acceleration"]
-        if self.task.config.control_mode == "residual":
-            actions = self._residual(q, qd, reference)
+        if self.task.config.control_mode != "torque":
+            known = "estimated_torque" in seen
+            base = seen["estimated_torque"] * self._scale if known else self._empty.unlimited_torque(q, qd, *reference)
+            actions = self._added(base, q, qd, reference)
         else:
             actions = self._controller.torque(q, qd, *reference) / self._scale
         return actions, self._controller.memory
 
-    def _residual(self, q: Array, qd: Array, reference: tuple[Array, Array, Array]) -> Array:
-        """Actions that add up to the wanted torque with Slotine and Li's law for an empty bucket."""
-        base = self._empty.unlimited_torque(q, qd, *reference)
+    def _added(self, base: Array, q: Array, qd: Array, reference: tuple[Array, Array, Array]) -> Array:
+        """Actions that add up to the wanted torque with ``base``, the environment's own controller's."""
         room, limit = RESIDUAL_SHARE * self._scale, self._scale
         within = np.clip(base - room, -limit, limit), np.clip(base + room, -limit, limit)
         return (self._controller.torque(q, qd, *reference, within=within) - base) / room
@@ -75,24 +71,7 @@ class PayloadExpert(Expert):
         period = self.task.config.control_period
         self._empty = make_controller("slotine-li", planar=True, rows=rows, period=period)
         self._controller: Controller | KalmanComputedTorque = (
-            KalmanComputedTorque(filter_settings(self.task), rows)
+            KalmanComputedTorque(filter_settings(self.task.config, self.task.uncertainty), rows)
             if self._name == KALMAN
             else make_controller(self._name, planar=True, moments=self._moments, rows=rows, period=period)
         )
-
-
-def filter_settings(task: ExcavatorPayload) -> FilterSettings:
-    """What the environment states of itself: noise, lag, and the distributions of payloads, masses and latency."""
-    config, uncertainty = task.config, task.uncertainty
-    soonest, latest = uncertainty.ends["latency"]
-    # On level 2 the bucket is empty at first.
-    lightest = 0.0 if config.level == 2 else config.lightest
-    return FilterSettings(
-        period=config.control_period,
-        noise=(uncertainty.ends["encoder_noise"][1], uncertainty.ends["velocity_noise"][1]),
-        lag=LAG if config.level == 2 else 0.0,
-        mass=(0.5 * (lightest + config.payload), max(LEAST_SPREAD, (config.payload - lightest) / math.sqrt(12.0))),
-        shift=(OFFSET[0] / math.sqrt(3.0), OFFSET[1] / math.sqrt(3.0)),
-        masses=max(abs(end) for end in uncertainty.mass_error) / math.sqrt(3.0),
-        latency=(0.5 * (soonest + latest), (latest - soonest) / math.sqrt(12.0), latest),
-    )

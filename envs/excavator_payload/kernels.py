@@ -69,6 +69,8 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
             _measure(env, shared)
             if work == ADVANCE:
                 _score(env, shared)
+            if shared.estimated and work in (ADVANCE, BEGIN):
+                call(shared.estimate_kernel, env, shared)
             _observe(env, shared)
 
 

@@ -22,6 +22,9 @@ from planners.excavator.plane import JOINTS, planar_bodies
 
 N_JOINTS = 3
 
+LAG = 0.030
+"""Time constant of the drives on level 2, s."""
+
 ENV_FIELDS: list[tuple[Any, ...]] = [
     ("load", "f8"),
     ("load_inertia", "f8"),

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.excavator.controllers import FARTHEST, HEAVIEST
 from planners.excavator.filter_model import (
     ANGLES,
@@ -75,6 +76,11 @@ class FilterSettings:
         """Commands that can still arrive between the last sample and the next."""
         return 1 if self.size == SIZE else max(2, 1 + math.ceil(self.latency[2] / self.period - 1e-9))
 
+    @property
+    def width(self) -> int:
+        """Numbers in a row of the controller's memory."""
+        return self.size * (self.size + 1) + (self.commands + 2) * N_JOINTS
+
     def record(self) -> NDArray[Any]:
         """The settings for the compiled functions, ``(1,)`` of `SETTINGS`."""
         unit = planar_payload(1.0)
@@ -114,7 +120,7 @@ class KalmanComputedTorque:
         self._chain = planar_dynamics().chain
         self._limit = np.array(EXCAVATOR.limits.torque[JOINTS])
         self._covariance = slice(settings.size, settings.size * (settings.size + 1))
-        self._memory: Array = np.empty((rows, self._covariance.stop + (settings.commands + 2) * N_JOINTS))
+        self._memory: Array = np.empty((rows, settings.width))
         self.reset()
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
@@ -175,28 +181,42 @@ def _torque(settings: Any, chain: Chain, samples: Array, memory: Array, tau: Arr
     ``samples`` ``(7, rows, n)`` are measured angle and velocity, desired angle, velocity and acceleration, least and
     largest torque.
     """
-    known = settings[0]
+    for row in range(tau.shape[0]):
+        estimate_and_control(settings[0], chain, samples[:, row], memory[row], tau[row])
+
+
+@private
+def estimate_and_control(known: Any, chain: Chain, samples: Array, own: Array, tau: Array) -> None:
+    """One row of `_torque`: ``samples`` ``(7, n)`` and memory ``own`` ``(width,)`` to torques ``tau`` ``(n,)``.
+
+    The torques count as sent; `replace_command` says if others were.
+    """
     size, waiting = known.size, known.waiting
     first = size * (size + 1)
     last = first + waiting * N_JOINTS
-    for row in range(tau.shape[0]):
-        own = memory[row]
-        x, cov = own[:size], own[size:first].reshape(size, size)
-        commands, drive = own[first:last].reshape(waiting, N_JOINTS), own[last : last + N_JOINTS]
-        q, qd = samples[0, row], samples[1, row]
-        if math.isnan(x[0]):
-            begin_filter(known, chain, q, qd, x, cov, drive, commands)
-        else:
-            follow(known, chain, commands, q, qd, x, cov, drive)
-        ahead, late = x, 0.0
-        if size == FULL_SIZE:
-            ahead = x.copy()
-            late = look_ahead(known, chain, commands, ahead, drive.copy())
-        _law(known, chain, ahead, late, samples[2:5, row], own[last + N_JOINTS :], tau[row])
-        for age in range(waiting - 1, 0, -1):
-            commands[age, :] = commands[age - 1]
-        for i in range(N_JOINTS):
-            commands[0, i] = tau[row, i] = min(samples[6, row, i], max(samples[5, row, i], tau[row, i]))
+    x, cov = own[:size], own[size:first].reshape(size, size)
+    commands, drive = own[first:last].reshape(waiting, N_JOINTS), own[last : last + N_JOINTS]
+    if math.isnan(x[0]):
+        begin_filter(known, chain, samples[0], samples[1], x, cov, drive, commands)
+    else:
+        follow(known, chain, commands, samples[0], samples[1], x, cov, drive)
+    ahead, late = x, 0.0
+    if size == FULL_SIZE:
+        ahead = x.copy()
+        late = look_ahead(known, chain, commands, ahead, drive.copy())
+    _law(known, chain, ahead, late, samples[2:5], own[last + N_JOINTS :], tau)
+    for age in range(waiting - 1, 0, -1):
+        commands[age, :] = commands[age - 1]
+    for i in range(N_JOINTS):
+        commands[0, i] = tau[i] = min(samples[6, i], max(samples[5, i], tau[i]))
+
+
+@private
+def replace_command(known: Any, own: Array, tau: Array) -> None:
+    """Note in the memory of a row that other torques were sent than it gave last."""
+    first = known.size * (known.size + 1)
+    for i in range(N_JOINTS):
+        own[first + i] = tau[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
