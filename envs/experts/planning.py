@@ -19,6 +19,9 @@ from planners.typing import Array
 PAYLOAD_TOLERANCE = 0.01
 """Replan when the payload estimate differs by more from the one planned for, kg."""
 
+TORQUE_SHARE = 0.8
+"""Share of the torque limits that a plan uses under declared uncertainty, where that is enough for a plan."""
+
 SOONEST = 4
 """Control periods after which a plan to a target seen with noise is made anew for the first time; then at 8, 16, ..."""
 
@@ -138,7 +141,14 @@ class PlanningExpert(Expert):
                 q, qd = plans["q"][row], plans["qd"][row]
                 acceleration = (qd[sample + 1] - qd[sample - 1]) / (2.0 * period)
                 problem = replace(problem, q=q[sample], qd=qd[sample], qdd=acceleration)
-            plan = self._plan(self._planner, replace(problem, payload=float(self._payload[row])))
+            problem = replace(problem, payload=float(self._payload[row]))
+            plan = None
+            if self._robust is not None and self._replan_every is None:  # a plan that is kept needs torque to correct
+                torque = tuple(TORQUE_SHARE * value for value in problem.joint_limits.torque)
+                careful = replace(problem, limits=replace(problem.joint_limits, torque=torque))
+                plan = self._plan(self._planner, careful)
+            if plan is None:
+                plan = self._plan(self._planner, problem)
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
                 q, qd, _ = plan.at(period * np.arange(last + 1))

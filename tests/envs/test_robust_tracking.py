@@ -107,3 +107,7 @@ def test_a_part_that_a_camera_sees_with_noise_is_met(name: str) -> None:
     level = envs.task_card("ConveyorTrack-v0").levels["noise"]
     assert share("ConveyorTrack-v0", name, **level.settings) >= 5 / 6
     assert share("ConveyorTrack-v0", name, filtered=False, **level.settings) <= 1 / 6
+
+
+def test_plans_leave_torque_for_an_unknown_payload() -> None:
+    assert share(MOVE, "dpct", payload=(0.0, 0.2)) >= 5 / 6
