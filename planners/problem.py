@@ -13,6 +13,9 @@ from planners.checks import float_array, require_finite
 from planners.robot.arm import Arm, JointLimits
 from planners.typing import Array
 
+LARGEST = 1e100
+"""Largest number of a problem's vectors: squares of larger ones may not be finite."""
+
 
 class Infeasible(ValueError):
     """No motion solves the problem within its limits.
@@ -184,7 +187,9 @@ def _freeze(instance: object, **lengths: int | None) -> None:
         if array.ndim != 1 or (length is not None and len(array) != length):
             wanted = "one dimension" if length is None else f"shape ({length},)"
             raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} {array} must be finite")
+        if not (np.abs(array) <= LARGEST).all():  # also for NaN
+            raise ValueError(
+                f"{name} {array} must be finite" + (f", at most {LARGEST:g}" if np.isfinite(array).all() else "")
+            )
         array.setflags(write=False)
         object.__setattr__(instance, name, array)

@@ -33,6 +33,7 @@ class BenchmarkOptions(ScoreOutputs):
         $ planarm benchmark --policies my_module:make_policy model.zip dpct --tasks ConveyorTrack-v0 --allow-code
         $ planarm benchmark --tasks my_module:MyTask-v0 --options distance=0.3
         $ planarm benchmark --config levels --tasks ObstacleDodge-v0/fast
+        $ planarm benchmark --config levels --tasks MinTorqueMove-v0
         $ planarm benchmark --tasks MinTorqueMove-v0 --level vertical
         $ planarm benchmark --full --num-envs 25 --address auto --json runs/leaderboard.json
     """
@@ -51,7 +52,8 @@ class BenchmarkOptions(ScoreOutputs):
     """Names of experts; agent for the trained agent that comes with planarm; the path of a run, an agent or a .zip;
     module:name for your own planner, policy, or function that makes one."""
     tasks: tuple[str, ...] | None = None
-    """Names of tasks of the configuration, to run these alone; or ids of other environments, module:id for yours."""
+    """Names of tasks of the configuration, to run these alone; an environment's id for all of its levels in a
+    configuration of levels; or ids of other environments, module:id for yours."""
     level: str | None = None
     """Difficulty level of every task, from its card (docs/benchmark/levels.md)."""
     settings: tuple[str, ...] = ()

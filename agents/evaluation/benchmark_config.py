@@ -158,7 +158,8 @@ def configure(
         config: name of a shipped one, or path of a YAML file.
         changes: settings to change; ``env_config`` and ``options`` are added to those of every task, and ``level`` is
             its level. ``policies`` are those of every task, without experts that other tasks alone have.
-        tasks: titles of tasks of the configuration, or ids of other environments, to run these alone.
+        tasks: titles of tasks of the configuration, to run these alone; the id of an environment stands for all of its
+            tasks there where none has that title, and for the environment itself where there are none.
         full: whether to run all of it, and not its quick part.
 
     Raises:
@@ -182,14 +183,13 @@ def configure(
 
 
 def _chosen(config: BenchmarkConfig, names: Sequence[str]) -> list[BenchmarkTask]:
-    """Tasks of a configuration by their titles, and tasks that it does not have by their ids."""
+    """Tasks of a configuration by their titles, or all of an environment by its id; other environments by their ids."""
     titles = {task.title: task for task in config.tasks}
-    chosen = []
+    chosen = list[BenchmarkTask]()
     for name in map(import_env, names):
         refuse_unknown([name], {*titles, *envs.env_ids()}, "task")
-        chosen.append(
-            titles.get(name) or BenchmarkTask.parse({"env": name, "policies": tuple(expert_names(name))}, "task")
-        )
+        found = [titles[name]] if name in titles else [task for task in config.tasks if task.env == name]
+        chosen += found or [BenchmarkTask.parse({"env": name, "policies": tuple(expert_names(name))}, "task")]
     return chosen
 
 

@@ -42,6 +42,11 @@ def private(function: Function, **options: Any) -> Function:
     return private_one
 
 
+def dividing(function: Function) -> Function:
+    """A `private` function whose divisions by 0 give inf or NaN, as NumPy's do, instead of an exception."""
+    return private(function, error_model="numpy")
+
+
 class Kernel:
     """A function that is compiled on its own, and called by compiled code through its address.
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.motion.path import look_up
 from planners.typing import Array
 
@@ -219,7 +219,7 @@ def evaluate(
         gradient[0, -1, 3] = 1.0 / half
 
 
-@private
+@dividing
 def _chain(out: Array, s: float, time: float, by_time: Array, dr: float, dv: float, da: float, dj: float) -> None:
     """Gradient by ``(z, T, j)`` of a quantity with derivatives ``dr .. dj`` by r .. r''' at ``s`` into the stage."""
     v, a, j = dv / time, da / time**2, dj / time**3

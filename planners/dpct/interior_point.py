@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.dpct.constraints import Tracking, bounded_rows, cost_matrices, evaluate, roll_out, tracking_index
 from planners.dpct.riccati import solve_stages
 from planners.typing import Array
@@ -213,7 +213,7 @@ def _quintic_control(tracking: Tracking, time: float) -> Array:
     return control
 
 
-@private
+@dividing
 def first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dual: Array) -> None:
     """Positive slacks and multipliers, ``(N, rows, 2)``, with the products ``barrier``."""
     for k in range(value.shape[0]):
@@ -226,7 +226,7 @@ def first_slacks(bounded: Array, value: Array, barrier: float, slack: Array, dua
                     dual[k, row, side] = barrier / slack[k, row, side]
 
 
-@private
+@dividing
 def _index_model(
     position_cost: Array,
     velocity_cost: Array,
@@ -259,7 +259,7 @@ def _index_model(
     linear[0, 3] += weight_time
 
 
-@private
+@dividing
 def barrier_model(
     bounded: Array,
     value: Array,
@@ -305,7 +305,7 @@ def _start_basis(tracking: Tracking, time: float, acceleration: float, free_time
     return basis
 
 
-@private
+@dividing
 def slack_steps(
     bounded: Array,
     value: Array,

@@ -70,9 +70,10 @@ def mass_matrix_single(coupling: Array, q: Array, m: Array) -> None:
             m[i, j] = m[j, i] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_mass_matrix(m: Array, rhs: Array) -> None:
-    """Solve ``m x = rhs`` by Cholesky factorisation; ``m`` is destroyed and ``rhs`` becomes ``x``."""
+    """Solve ``m x = rhs`` by Cholesky factorisation; ``m`` is destroyed and ``rhs`` becomes ``x``, not finite if ``m``
+    is singular."""
     n = rhs.shape[0]
     for j in range(n):
         for k in range(j):

@@ -76,7 +76,9 @@ def read_npz(path: Path) -> dict[str, Any]:
         numbers = {name: math.inf if about[name] is None else float(about[name]) for name in NUMBERS}
         problem, planner = problem_of(about["problem"]), str(about["planner"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise ValueError(f"{path} is no trajectory that planarm has saved ({str(error)[:300]})") from error
+        raise ValueError(
+            f"{path} is no trajectory that planarm has saved ({' '.join(str(error).split())[:300]})"
+        ) from error
     samples.pop("tau")  # follows from the motion and the problem's arm
     return {"problem": problem, **samples, **numbers, "planner": planner}
 

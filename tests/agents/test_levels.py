@@ -30,3 +30,14 @@ def test_a_run_trains_at_a_level_of_settings() -> None:
     assert config.env_config["latency"] == [0.0, 0.005]
     with pytest.raises(ValueError, match=r"level slow is made of reset options.*which a training run"):
         TrainOptions("ppo/MinTorqueMove-v0", level="slow").resolve()
+
+
+def test_the_id_of_an_environment_stands_for_all_of_its_levels() -> None:
+    chosen = configure("levels", {}, ["MinTorqueMove-v0", "ObstacleDodge-v0/fast"]).tasks
+    levels = envs.task_card("MinTorqueMove-v0").levels
+    assert [task.title for task in chosen] == [
+        *(f"MinTorqueMove-v0/{name}" for name in levels),
+        "ObstacleDodge-v0/fast",
+    ]
+    (plain,) = configure("benchmark", {}, ["MinTorqueMove-v0"]).tasks  # a title comes first
+    assert plain.title == "MinTorqueMove-v0"

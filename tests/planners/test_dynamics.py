@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from planners import PLANAR_3R, SCARA_1M, Arm, JointLimits
+from planners.robot.dynamics import solve_mass_matrix
 from planners.typing import Array
 
 
@@ -243,3 +244,9 @@ def test_wrong_shapes_are_refused_by_name(q: Array, qd: Array, qdd: Array) -> No
     for method in (SCARA_1M.inverse_dynamics, SCARA_1M.forward_dynamics):
         with pytest.raises(ValueError, match=r"got shapes .*SCARA_1M wants \(2,\) or \(batch, 2\)"):
             method(q, qd, qdd)
+
+
+def test_a_singular_matrix_gives_what_is_not_finite_and_no_exception() -> None:
+    right = np.array([1.0, 2.0])
+    solve_mass_matrix(np.array([[1.0, 1.0], [1.0, 1.0]]), right)
+    assert not np.isfinite(right).all()

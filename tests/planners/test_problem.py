@@ -82,6 +82,8 @@ class TestMotionProblem:
             problem(**changes)
 
     def test_impossible_targets_and_obstacles_are_refused_by_value(self) -> None:
+        with pytest.raises(ValueError, match=r"velocity .* must be finite, at most 1e\+100"):
+            MovingHand(np.zeros(2), np.array([1e200, 0.0]))
         with pytest.raises(ValueError, match=r"position has shape \(3,\); it must have shape \(2,\)"):
             FixedHand([1.0, 2.0, 3.0])
         with pytest.raises(ValueError, match=r"velocity \[nan  ?0.\] must be finite"):

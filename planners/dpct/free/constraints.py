@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.dpct.constraints import advance
 from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
 from planners.typing import Array
@@ -196,7 +196,7 @@ def evaluate(
         gradient[0, -1, 3 * n] = 1.0 / half
 
 
-@private
+@dividing
 def _chain(out: Array, n: int, i: int, s: float, time: float, by_time: Array, weights: Array, scale: float) -> None:
     """Gradient of a quantity with derivatives ``scale * weights`` by angle .. jerk of joint ``i``, at ``s`` in a stage.
 
