@@ -92,7 +92,8 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
         The trajectory, as long as the horizon; its cost is PI1 or PI2.
 
     Raises:
-        Infeasible: ``late`` if the horizon is too short, with the least time that does as ``minimum_time``;
+        Infeasible: ``late`` if the horizon is too short, with the least time that does as ``minimum_time``, unless
+            joints move beside the path at the start;
             ``start`` if the arm moves too fast to stop in time; ``limits`` if the limits allow no motion on the path;
             ``unreachable`` if the path leaves the reach.
         ValueError: if the target moves, or an option is out of range.
@@ -125,6 +126,8 @@ def _along(way: _Way, objective: Objective) -> Trajectory:
         message = (
             f"the straight path takes {math.ceil(1e4 * least) / 1e4:.4f} s; the horizon is {horizon:.4g} s, raise it"
         )
+        if way.across is not None:
+            raise Infeasible("late", f"{message} further: joints move beside the path and must brake", horizon=horizon)
         raise Infeasible("late", message, minimum_time=least * (1.0 + 1e-9), horizon=horizon)
     for _ in range(ATTEMPTS):
         late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
