@@ -11,7 +11,7 @@ from planners.typing import Array
 PERIOD, NOISE = 0.02, (2e-4, 1e-2)
 
 
-def errors(acceleration: float, told: float, manoeuvre: float = 0.0, periods: int = 60) -> tuple[Array, Array]:
+def errors(acceleration: float, known: float, manoeuvre: float = 0.0, periods: int = 60) -> tuple[Array, Array]:
     """Errors of position and velocity of 200 points on lines after some periods, ``(200, 2)`` each."""
     generator = np.random.default_rng(0)
     kind, memory = PointFilter(PERIOD, NOISE, manoeuvre), np.zeros((200, 1, WIDTH))
@@ -22,7 +22,7 @@ def errors(acceleration: float, told: float, manoeuvre: float = 0.0, periods: in
         speed = rate + acceleration * t * direction
         noise = generator.normal(size=(2, 200, 1, 2))
         seen = place + NOISE[0] * noise[0], speed + NOISE[1] * noise[1]
-        kind.update(memory, np.full(200, k == 0), *seen, told * direction)
+        kind.update(memory, np.full(200, k == 0), *seen, known * direction)
     return memory[:, 0, :2] - place, memory[:, 0, 2:4] - speed
 
 
