@@ -17,7 +17,7 @@ from planners.typing import Array
 class Start(NamedTuple):
     """Start of an episode: belt speed (m/s), D of eq 2 (m), y of the line (m), x of the hand (m), sign of the elbow.
 
-    Positions are from the base of the arm.
+    Positions are from the base of the arm; ``beside`` is y of the hand less that of the line, m.
     """
 
     belt_speed: float
@@ -25,6 +25,12 @@ class Start(NamedTuple):
     line_height: float
     hand_x: float
     elbow: float
+    beside: float = 0.0
+
+    @property
+    def hand(self) -> Array:
+        """Position of the hand from the base, ``(2,)``, m."""
+        return np.array([self.hand_x, self.line_height + self.beside])
 
 
 PAPER_START = Start(belt_speed=0.2, offset=0.1, line_height=1.732, hand_x=-0.8, elbow=1.0)
@@ -84,7 +90,8 @@ def pace_of(demands: Demands) -> float:
 
 def axes_of(demands: Demands, pace: float, nodes: tuple[int, int, int, int]) -> dict[str, Array]:
     """Nodes of a grid of starts; offsets shrink with the pace too where it is below 1."""
-    low, high = (placed(demands.arm, Start._make([*ends, 1.0]), pace) for ends in zip(*RANGES.values(), strict=True))
+    ends = zip(*RANGES.values(), strict=True)
+    low, high = (placed(demands.arm, Start._make([*end, 1.0, 0.0]), pace) for end in ends)
     near = min(1.0, pace)
     low, high = (one._replace(offset=near * one.offset) for one in (low, high))
     return {
@@ -99,7 +106,7 @@ def posture(arm: Arm, start: Start) -> Array:
     Raises:
         UnreachableTarget: if the hand cannot reach its start.
     """
-    hand = np.array([start.hand_x, start.line_height]) + arm.base_array
+    hand = start.hand + arm.base_array
     q = arm.inverse_kinematics(hand, orientation(arm))[0 if start.elbow > 0.0 else 1]
     turned: Array = turned_towards(q, arm.limits.angle_middle)
     return turned
@@ -112,12 +119,12 @@ def problem_of(start: Start, demands: Demands) -> MotionProblem:
         UnreachableTarget: if the hand cannot reach its start.
     """
     arm = demands.arm
-    hand = np.array([start.hand_x, start.line_height]) + arm.base_array
+    ahead = np.array([start.hand_x, start.line_height]) + arm.base_array
     return MotionProblem(
         arm=arm,
         q=posture(arm, start),
         target=MovingHand(
-            position=hand - [start.offset, 0.0],
+            position=ahead - [start.offset, 0.0],
             velocity=np.array([start.belt_speed, 0.0]),
             acceleration=np.array([demands.belt_acceleration, 0.0]),
         ),
@@ -132,7 +139,7 @@ def why_unsolvable(start: Start, demands: Demands) -> str | None:
     if not all(math.isfinite(value) for value in start):
         return f"{start} is not finite"
     try:
-        plan = dpct.plan(problem_of(start, demands))
+        plan = dpct.plan(problem_of(start, demands), variant="free" if start.beside else "optimal")
     except (Infeasible, UnreachableTarget) as error:
         return str(error)
     latest = demands.horizon - demands.hold_time

@@ -56,6 +56,7 @@ class ConveyorTrackOptions(Settings):
         line_height: y coordinate of the belt, from the base, m.
         hand_x: x coordinate of the hand at the start, from the base, m.
         elbow: sign of the elbow angle at the start, ``"+"`` or ``"-"``.
+        beside: y coordinate of the hand at the start less that of the belt, m; 0 where left out.
     """
 
     scenario: Literal["random", "paper"] = "random"
@@ -64,6 +65,7 @@ class ConveyorTrackOptions(Settings):
     line_height: Number | None = None
     hand_x: Number | None = None
     elbow: Literal["+", "-"] | None = None
+    beside: Number | None = None
 
 
 def layout_of(arm: Arm) -> Layout:
@@ -233,8 +235,8 @@ class ConveyorTrackEnv(PlanarArmEnv):
     `reset(options={"scenario": "paper"})` is the paper's start: hand at (-0.8, 1.732) m, elbow +, D = 0.1 m, belt
     0.2 m/s. Otherwise belt speed (0.05 to 0.25 m/s), D (-0.2 to 0.2 m), line height (1.5 to 1.8 m), hand position (x
     from -0.8 to -0.3 m) and elbow are drawn, from cells of a grid whose corners DPCT has solved within 97 % of all
-    limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`,
-    `line_height`, `hand_x` and `elbow` fix any of these, or give another range; a start that DPCT cannot solve is
+    limits (`envs.conveyor_track.starts`). `belt_speed`, `offset`, `line_height`, `hand_x` and `elbow` fix any of these,
+    or give another range, and `beside` starts the hand beside the belt's line; a start that DPCT cannot solve is
     refused with its reason.
 
     ## Episode end

@@ -11,6 +11,7 @@ LEVELS = {
     "accelerating": Level("belt that accelerates by 0.05 m/s^2", {"belt_acceleration": 0.05}),
     "near": Level("belt at 1.3 m from the base", options={"line_height": 1.3}),
     "far": Level("belt at 1.85 m from the base, close to the reach of 2 m", options={"line_height": 1.85}),
+    "beside": Level("hand starts up to 0.2 m beside the belt's line", options={"beside": (-0.2, 0.2)}),
     "payload": Level("unknown payload of up to 0.3 kg", {"payload": (0.0, 0.3)}),
     "model_error": Level("each link up to 10 % lighter or heavier", {"mass_error": (-0.1, 0.1)}),
     "friction": Level(

@@ -18,6 +18,9 @@ from envs.conveyor_track.belt import Demands, Start, why_unsolvable
 from envs.conveyor_track.table import ELBOWS, Table, own_table, shipped
 from planners import SCARA_1M
 
+DRAWN = {"belt_speed", "offset", "line_height", "hand_x", "elbow"}
+"""What of a start is drawn where it is not given; the hand is on the line then."""
+
 _TRIES = 100
 
 _ACCEPTED, _TRIED = 0.25, 8
@@ -46,7 +49,7 @@ class Distribution(NamedTuple):
             nodes[index] + share * (nodes[index + 1] - nodes[index])
             for nodes, index, share in zip(self.axes, corner, within, strict=True)
         ]
-        return Start._make([*values, ELBOWS[elbow]])
+        return Start._make([*values, ELBOWS[elbow], 0.0])
 
 
 @lru_cache(maxsize=64)
@@ -88,10 +91,10 @@ def draw_starts(
         ValueError: if no drawn start with the given values can be solved, with DPCT's reason.
     """
     fixed = {name: value for name, value in given.items() if not isinstance(value, tuple)}
-    if len(fixed) == len(Start._fields):
+    if fixed.keys() == given.keys() and fixed.keys() >= DRAWN:
         start = Start(**fixed)
         for generator in generators:
-            generator.random(len(Start._fields))  # the same random numbers as a drawn start
+            generator.random(len(DRAWN))  # the same random numbers as a drawn start
         _require(start, why_unsolvable(start, demands), 1)
         return [start] * len(generators)
     distribution = distribution_of(demands)

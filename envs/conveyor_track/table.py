@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
-from envs.conveyor_track.belt import Demands, Start, axes_of, pace_of, problem_of
+from envs.conveyor_track.belt import RANGES, Demands, Start, axes_of, pace_of, problem_of
 from envs.user_cache import load_arrays, store_arrays
 from planners import Infeasible, UnreachableTarget, dpct
 from planners.typing import Array
@@ -74,7 +74,7 @@ def solve(axes: Mapping[str, Array], demands: Demands) -> Table:
         console.print(f"{what}, {np.prod(shape)} problems", soft_wrap=True, markup=False, highlight=False)
     for index in track(list(np.ndindex(shape)), what, console=console, transient=True, disable=not console.is_terminal):
         values = [nodes[i] for nodes, i in zip(axes.values(), index[:-1], strict=True)]
-        rendezvous[index], rides[index] = _solved(Start._make([*values, ELBOWS[index[-1]]]), demands)
+        rendezvous[index], rides[index] = _solved(Start._make([*values, ELBOWS[index[-1]], 0.0]), demands)
     return Table(axes, rendezvous, rides)
 
 
@@ -98,7 +98,7 @@ def shipped() -> Table:
 
 def _table(arrays: Mapping[str, NDArray[np.float64]]) -> Table:
     """A table from its arrays by name."""
-    axes = {name: arrays[name] for name in Start._fields if name != "elbow"}
+    axes = {name: arrays[name] for name in RANGES}
     return Table(axes, arrays["rendezvous_time"], arrays["rides_until"])
 
 
@@ -113,7 +113,7 @@ def own_table(demands: Demands) -> Table:
     name = f"conveyor-track-{key[:32]}.npz"
     stored = load_arrays(name)
     shape = (*NODES, len(ELBOWS))
-    if stored is not None and {"rendezvous_time", "rides_until", *Start._fields[:-1]} <= stored.keys():
+    if stored is not None and {"rendezvous_time", "rides_until", *RANGES} <= stored.keys():
         table = _table(stored)
         if table.rendezvous_time.shape == table.rides_until.shape == shape:
             return table
@@ -139,6 +139,6 @@ def _probably_solvable(axes: Mapping[str, Array], demands: Demands) -> bool:
     generator, solved = np.random.default_rng(0), 0
     for probe in range(PROBES):
         values = [nodes[0] + generator.random() * (nodes[-1] - nodes[0]) for nodes in axes.values()]
-        met, ridden = _solved(Start._make([*values, ELBOWS[probe % 2]]), demands)
+        met, ridden = _solved(Start._make([*values, ELBOWS[probe % 2], 0.0]), demands)
         solved += met <= demands.horizon - demands.hold_time and ridden >= demands.horizon
     return solved >= PROBED * PROBES

@@ -14,7 +14,7 @@ from pydantic import Field
 from envs.arms import arm_of, quickness, require_limits, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.min_torque_move import kernels
-from envs.min_torque_move.moves import Move, random_move
+from envs.min_torque_move.moves import MOST_SHARE, Move, random_move
 from envs.observation import Entry, Layout, Observation
 from envs.physics.actuation import ControlMode
 from envs.settings import Settings
@@ -53,12 +53,15 @@ class MinTorqueMoveOptions(Settings):
         start: joint angles at the start, rad.
         goal: joint angles to reach, rad.
         duration: time for the move, s; a multiple of the control period.
+        torque_share: part of the torque limits that the quintic needs in a drawn move, which decides its time; drawn
+            from 0.3 to 0.9 where left out.
     """
 
     scenario: Literal["random", "paper"] = "random"
     start: Angles | None = None
     goal: Angles | None = None
     duration: float | None = Field(None, gt=0.0)
+    torque_share: float | None = Field(None, ge=0.1, le=MOST_SHARE)
 
 
 def paper_move(arm: Arm) -> Move:
@@ -205,7 +208,7 @@ class MinTorqueMove(Task):
 
     def _move(self, generator: np.random.Generator, options: MinTorqueMoveOptions) -> Move:
         """A move drawn or given, and one that can be made in either case."""
-        given = options.model_dump(exclude={"scenario"}, exclude_none=True)
+        given = options.model_dump(exclude={"scenario", "torque_share"}, exclude_none=True)
         for name in given.keys() & {"start", "goal"}:
             given[name] = np.array(given[name])
             if given[name].shape != (self.arm.n_joints,):
@@ -213,13 +216,14 @@ class MinTorqueMove(Task):
                     f"{name} has {len(given[name])} joint angles; {self.arm.name} needs {self.arm.n_joints}"
                 )
         if options.scenario == "random" and not given:
-            return self._drawn(generator)
-        move = (paper_move(self.arm) if options.scenario == "paper" else self._drawn(generator))._replace(**given)
+            return self._drawn(generator, options.torque_share)
+        paper = options.scenario == "paper"
+        move = (paper_move(self.arm) if paper else self._drawn(generator, options.torque_share))._replace(**given)
         self._require_possible(move)
         return move
 
-    def _drawn(self, generator: np.random.Generator) -> Move:
-        return random_move(generator, self.arm, self.config.control_period, self.config.horizon)
+    def _drawn(self, generator: np.random.Generator, share: float | None) -> Move:
+        return random_move(generator, self.arm, self.config.control_period, self.config.horizon, share)
 
     def _require_possible(self, move: Move) -> None:
         whole_periods(self.config, "duration", move.duration)
@@ -269,8 +273,8 @@ class MinTorqueMoveEnv(PlanarArmEnv):
     ## Starting state
     `reset(options={"scenario": "paper"})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
     goal and duration are drawn, long moves and folded postures among them; the quintic takes at most 90 % of the torque
-    limits and keeps the joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these; a move that
-    the planners cannot solve is refused with the reason.
+    limits and keeps the joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these,
+    `torque_share` the quintic's share of the limits; a move that the planners cannot solve is refused with the reason.
 
     ## Episode end
     Terminated when the duration is over: the task ends there, and the observation holds the time left.

@@ -6,6 +6,7 @@ from envs.card import Level
 
 LEVELS = {
     "slow": Level("3 s for every move", options={"duration": 3.0}),
+    "short": Level("moves as short as 90 % of the torque limits let the quintic be", options={"torque_share": 0.9}),
     "vertical": Level("in a vertical plane", {"gravity": 9.81}),
     "vertical_slow": Level("in a vertical plane, 3 s for every move", {"gravity": 9.81}, {"duration": 3.0}),
     "payload": Level("unknown payload of up to 0.2 kg", {"payload": (0.0, 0.2)}),

@@ -42,7 +42,11 @@ class Move(NamedTuple):
 
 
 def random_move(
-    generator: np.random.Generator, arm: Arm = PLANAR_3R, period: float | None = None, longest: float = math.inf
+    generator: np.random.Generator,
+    arm: Arm = PLANAR_3R,
+    period: float | None = None,
+    longest: float = math.inf,
+    share: float | None = None,
 ) -> Move:
     """One random move of an arm.
 
@@ -54,6 +58,7 @@ def random_move(
         arm: an arm with finite torque limits; of the others only the joint ranges count.
         period: the duration is rounded up to a multiple of it, s; longer never takes more torque.
         longest: duration allowed, s.
+        share: of the torque limits, that the quintic needs, in place of the drawn one.
 
     Raises:
         ValueError: if the arm has a joint without torque limit, or no drawn move fits.
@@ -66,10 +71,11 @@ def random_move(
     for _ in range(_TRIES):
         start = generator.uniform(lower, upper)
         goal = np.where(free, start, 0.0) + generator.uniform(lower, upper)
-        share = generator.uniform(LEAST_SHARE, MOST_SHARE)
+        drawn = generator.uniform(LEAST_SHARE, MOST_SHARE)
+        most = (drawn if share is None else share) * torque
         inertial, static = _quintic_torque(arm, start, goal)
-        room = share * torque - np.sign(inertial) * static
-        if (np.abs(static) > MOST_HELD * share * torque).any():
+        room = most - np.sign(inertial) * static
+        if (np.abs(static) > MOST_HELD * most).any():
             continue
         duration = max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)), _smooth_time(arm, goal - start))
         if period is not None:
