@@ -34,6 +34,10 @@ SHARE = 0.985
 LIMIT_SAMPLES, EFFORT_SAMPLES = 20, 8
 """Intervals between the samples of the limited values, and of the torques."""
 
+MOST_WORK = 1.2e8
+"""Evaluations of a joint, for an angle, its limits or its clearance from a disc, that the searches of a plan may make:
+arms of two links need a thousandth of them. Each search may use half of those that are left, and each end its share."""
+
 CONTACT = 1000.0
 """Cost of a predicted contact, s: this times (1 + seconds from the contact to the end of the prediction)."""
 
@@ -67,6 +71,7 @@ class Situation(NamedTuple):
         q, qd: start, ``(n,)``, rad and rad/s.
         discs: position, velocity and radius, ``(discs, 5)``, m and m/s.
         horizon: longest duration, s.
+        left: evaluations that are left to the searches of the plan, ``(1,)``; see `MOST_WORK`.
     """
 
     lengths: Array
@@ -84,6 +89,7 @@ class Situation(NamedTuple):
     qd: Array
     discs: Array
     horizon: float
+    left: Array
 
 
 class Options(NamedTuple):
@@ -146,14 +152,21 @@ def search(
 
     ``patterns`` are displacements of the via-nodes, ``(patterns, 2, n)``, rad; those of the best are written to
     ``via``, ``(2, n)``.
+
+    What is left of an end's share of the work goes to the next end; see `MOST_WORK`.
     """
     n = situation.q.shape[0]
     scratch = Scratch(np.empty((n, DEGREE + 1)), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(1))
     context = Search(situation, options, ends, scratch)
     best = Found(np.inf, -1, np.nan)
     tried = np.empty((2, n))
+    budget = 0.5 * situation.left[0]
+    spare, total = situation.left[0], max(1, np.sum(ends.patterns))
     for e in range(ends.q.shape[0]):
+        spare -= budget * ends.patterns[e] / total
         for p in range(ends.patterns[e]):
+            if situation.left[0] < spare:
+                break
             straight = p == 0 and ends.patterns[e] > 1
             for pace in PACES:
                 if pace != PACES[0] and not straight:
@@ -206,12 +219,14 @@ def rate(context: Search, e: int, via: Array, duration: float, best: float) -> f
     cost = duration + ends.due[e]
     if duration > situation.horizon or cost >= best:
         return np.inf
+    situation.left[0] -= LIMIT_SAMPLES * via.shape[1]
     interpolate(situation.q, situation.qd, ends.q[e], via, duration, scratch.c)
     if not _keeps_limits(situation, scratch.c, duration):
         return np.inf
     cost += _danger(context, duration, duration + ends.hold[e], best - cost)
     if cost >= best:
         return np.inf
+    situation.left[0] -= EFFORT_SAMPLES * via.shape[1] ** 2
     return float(cost + EFFORT * duration * _load(situation, scratch, duration))
 
 
@@ -244,7 +259,9 @@ def _keeps_limits(situation: Situation, c: Array, duration: float) -> bool:
 @private
 def _danger(context: Search, duration: float, until: float, best: float) -> float:
     """Cost of coming close to discs until some time or the end of their prediction, exact where below ``best``."""
-    options, scratch = context.options, context.scratch
+    options, scratch, situation = context.options, context.scratch, context.situation
+    if situation.discs.shape[0] == 0:
+        return 0.0
     last = min(until, options.prediction)
     # Where one candidate touches a disc, the next often does too: check that time first.
     hit = float(scratch.hit[0])
@@ -252,8 +269,10 @@ def _danger(context: Search, duration: float, until: float, best: float) -> floa
     if hit <= last and touching >= best and _gap(context, duration, hit) < TOUCHING:
         return touching
     cost = t = 0.0
+    work = (1 + situation.discs.shape[0]) * situation.q.shape[0]
     stretch = max(1.0, last / (MOST_LONG_STEPS * LONG_STEP))
     while cost < best:
+        situation.left[0] -= work
         gap = _gap(context, duration, t)
         if gap < TOUCHING:
             scratch.hit[0] = t

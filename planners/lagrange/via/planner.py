@@ -17,16 +17,22 @@ from itertools import product
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
-from planners.compiled.calls import private
 from planners.goals import Elbow, goal_postures
-from planners.lagrange.via.candidates import DURATIONS, SHARE, STRETCH, Found, Options, Situation, Stops, search
+from planners.lagrange.via.candidates import (
+    DURATIONS,
+    MOST_WORK,
+    STRETCH,
+    Found,
+    Options,
+    Situation,
+    search,
+)
 from planners.lagrange.via.curve import DEGREE, interpolate
-from planners.motion.double_integrator import rest_time
+from planners.lagrange.via.stops import Stops, can_stop, list_ends
 from planners.problem import Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
@@ -42,12 +48,6 @@ PROFILES = ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
 RETREATS = (0.15, 0.4, 0.8)
 """Distances of waiting postures from the one in which the arm can stop, rad."""
 
-SHORTEST = 0.2
-"""Least duration of a motion, s."""
-
-CLEARING, SLOWEST = 0.3, 0.03
-"""A wait for a disc costs its time for so many metres at its speed, m, at least at this speed, m/s."""
-
 ATTEMPTS, BACK_OFF = 4, 0.999
 """Searches with ever tighter torque limits where a motion exceeds them, and an extra factor of each."""
 
@@ -56,9 +56,6 @@ MOST_HORIZONS = 4.0
 
 LONGER = (1.0001, 1.1, 1.25, 1.5, 2.0)
 """Horizons tried for the advice of a refusal, as multiples of the duration of a motion found with a longer one."""
-
-DETOUR = 1.5
-"""Cost of ending in a waiting posture, as a multiple of the least time from there to a goal."""
 
 SAMPLE_STEP, MOST_SAMPLES = 0.01, 4000
 """Time between samples of the trajectory, s, and their largest number: slow motions have longer steps."""
@@ -89,7 +86,8 @@ def plan_via(
 ) -> Trajectory:
     """Move to rest at a fixed target as soon as the limits and the obstacles allow.
 
-    Obstacles keep their velocity. With ``contact="delay"``, for planning again on the way, they are predicted for a
+    The search ends after a share of work (`MOST_WORK`), which five and six links may use up: then some candidates are
+    not tried. Obstacles keep their velocity. With ``contact="delay"``, for planning again on the way, they are predicted for a
     while only; if no candidate reaches the target at acceptable cost, the plan ends in a waiting posture at or near the
     stopping point, and if all candidates collide, it is the one of the latest contact.
 
@@ -185,8 +183,7 @@ def _search(problem: MotionProblem, situation: Situation, options: Options, goal
     via = np.zeros((2, problem.arm.n_joints))
     found = Found(*search(situation, options, ends, patterns, via))
     if found.end < 0:
-        stops = Stops(*list_ends(situation, options.hold, goals, offsets, len(patterns)))
-        if delay or Found(*search(situation, options, stops, patterns, via)).end < 0:
+        if delay or not can_stop(situation, options, goals, offsets, patterns):
             raise Infeasible("start", "no motion from this start to rest keeps the limits within the horizon")
         raise _TooLate(soonest)
     if found.end >= len(goals) and not problem.obstacles:  # no reason to wait
@@ -229,7 +226,7 @@ def _situation(problem: MotionProblem) -> Situation:
     disc_rows = np.array(discs).reshape(-1, 5)
     return Situation(
         *body, torque, velocity, acceleration, jerk, limits.angle_middle, angle,
-        q.copy(), qd.copy(), disc_rows, problem.horizon,
+        q.copy(), qd.copy(), disc_rows, problem.horizon, np.array([MOST_WORK]),
     )  # fmt: skip
 
 
@@ -251,53 +248,6 @@ def _offsets(n_joints: int) -> Array:
 def _sides(n_joints: int) -> list[Array]:
     """All sign patterns in {-1, 0, 1} of the joints except all zeros, ``(n,)`` each."""
     return [np.array(signs) for signs in product((-1.0, 0.0, 1.0), repeat=n_joints) if any(signs)]
-
-
-@njit(cache=True, nogil=True)
-def list_ends(situation: Situation, hold: float, goals: Array, offsets: Array, patterns: int) -> tuple[Array, ...]:
-    """Goals ``(goals, n)``, with every pattern, and waiting postures: where the arm can stop, plus ``offsets``.
-
-    The fields of `Stops`.
-    Waiting postures outside of the joint ranges are left out; the motion to them has no via-nodes.
-    """
-    n, count = goals.shape[1], goals.shape[0]
-    most = count + offsets.shape[0]
-    q, soonest, due, holds = np.empty((most, n)), np.empty(most), np.zeros(most), np.empty(most)
-    tried, still = np.empty(most, np.int64), np.zeros(n)
-    for g in range(count):
-        holds[g], tried[g] = hold, patterns
-        for i in range(n):
-            q[g, i] = goals[g, i]
-        soonest[g] = max(SHORTEST, _least_time(situation, situation.q, situation.qd, q[g]))
-    waiting = 0.0
-    for disc in situation.discs:
-        waiting = max(waiting, CLEARING / max(math.hypot(disc[2], disc[3]), SLOWEST))
-    braking = SHORTEST
-    for i in range(n):
-        braking = max(braking, 1.001 * abs(situation.qd[i]) / (SHARE * situation.acceleration[i]))
-    for k in range(offsets.shape[0]):
-        outside = False
-        for i in range(n):
-            q[count, i] = situation.q[i] + 0.5 * braking * situation.qd[i] + offsets[k, i]
-            outside = outside or abs(q[count, i] - situation.middle[i]) > situation.angle[i]
-        if outside:
-            continue
-        holds[count], tried[count], due[count] = np.inf, 1, np.inf
-        soonest[count] = max(braking, _least_time(situation, situation.q, situation.qd, q[count]))
-        for g in range(goals.shape[0]):
-            due[count] = min(due[count], waiting + DETOUR * _least_time(situation, q[count], still, goals[g]))
-        count += 1
-    return q[:count], due[:count], holds[:count], soonest[:count], tried[:count]
-
-
-@private
-def _least_time(situation: Situation, q: Array, qd: Array, end: Array) -> float:
-    """Time in which every joint by itself can come to rest at ``end``, s."""
-    longest = 0.0
-    for i in range(q.shape[0]):
-        top, rise = SHARE * situation.velocity[i], SHARE * situation.acceleration[i]
-        longest = max(longest, rest_time(end[i] - q[i], qd[i], top, rise))
-    return longest
 
 
 def _trajectory(problem: MotionProblem, c: Array, duration: float, cost: float, *, waits: bool) -> Trajectory:
