@@ -87,9 +87,9 @@ def plan_via(
     """Move to rest at a fixed target as soon as the limits and the obstacles allow.
 
     The search ends after a share of work (`MOST_WORK`), which five and six links may use up: then some candidates are
-    not tried. Obstacles keep their velocity. With ``contact="delay"``, for planning again on the way, they are predicted for a
-    while only; if no candidate reaches the target at acceptable cost, the plan ends in a waiting posture at or near the
-    stopping point, and if all candidates collide, it is the one of the latest contact.
+    not tried. Obstacles keep their velocity. With ``contact="delay"``, for planning again on the way, they are
+    predicted for a while only; if no candidate reaches the target at acceptable cost, the plan ends in a waiting
+    posture at or near the stopping point, and if all candidates collide, it is the one of the latest contact.
 
     Args:
         problem: with a fixed target, and limits of velocity and acceleration; at rest or moving. The accelerations of
