@@ -29,10 +29,11 @@ from planners.lagrange.via.candidates import (
     Found,
     Options,
     Situation,
+    Stops,
     search,
 )
 from planners.lagrange.via.curve import DEGREE, interpolate
-from planners.lagrange.via.stops import Stops, can_stop, list_ends
+from planners.lagrange.via.stops import can_stop, list_ends
 from planners.problem import Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
