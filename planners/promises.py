@@ -20,6 +20,9 @@ CONTINUOUS = 1e-3
 REST_SPEED = 10.0
 """Largest joint velocity that counts as rest at the end, rad/s, as a multiple of the precision (m or rad)."""
 
+CLOSELY = 33
+"""Times around the largest distance from a moving target at which it is looked for."""
+
 UNITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "angle": "rad"}
 
 
@@ -101,9 +104,38 @@ def target_error(problem: MotionProblem, trajectory: Trajectory) -> tuple[float,
         return float(np.abs(trajectory.q[-1] - target.q).max()), "rad"
     if isinstance(target, FixedHand):
         return float(np.hypot(*(arm.forward_kinematics(trajectory.q[-1]) - target.position))), "m"
-    riding = trajectory.t >= min(trajectory.rendezvous_time, trajectory.duration)
-    hands = arm.forward_kinematics(trajectory.q[riding])
-    return float(np.hypot(*(hands - target.at(trajectory.t[riding])[0]).T).max()), "m"
+    return farthest(trajectory, target, min(trajectory.rendezvous_time, trajectory.duration))[0], "m"
+
+
+def distances(trajectory: Trajectory, target: MovingHand, since: float = 0.0) -> tuple[Array, Array]:
+    """Times of the samples from some time on, and of the instants halfway between them, s; the hand's distances, m."""
+    riding = trajectory.t >= since
+    t, q = trajectory.t[riding], trajectory.q[riding]
+    times = np.repeat(t, 2)[:-1]
+    times[1::2] = 0.5 * (t[1:] + t[:-1])
+    postures = np.repeat(q, 2, axis=0)[:-1]
+    postures[1::2] = trajectory.at(times[1::2])[0]
+    return times, _away(trajectory, target, times, postures)
+
+
+def farthest(trajectory: Trajectory, target: MovingHand, since: float) -> tuple[float, float]:
+    """Largest distance of the hand from a moving target from some time on, m, and when, s.
+
+    It is looked for at the times of `distances`, and closely around the worst of them.
+    """
+    times, found = distances(trajectory, target, since)
+    worst = int(found.argmax())  # a NaN, if there is one
+    closely = np.linspace(times[max(worst - 1, 0)], times[min(worst + 1, len(times) - 1)], CLOSELY)
+    again = _away(trajectory, target, closely, trajectory.at(closely)[0])
+    best = int(again.argmax())
+    if again[best] > found[worst]:
+        return float(again[best]), float(closely[best])
+    return float(found[worst]), float(times[worst])
+
+
+def _away(trajectory: Trajectory, target: MovingHand, t: Array, q: Array) -> Array:
+    away: Array = np.hypot(*(trajectory.problem.arm.forward_kinematics(q) - target.at(t)[0]).T)
+    return away
 
 
 def _start_loads(problem: MotionProblem) -> Array:

@@ -25,6 +25,7 @@ from planners.apf.moving_target import approach
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_finite
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.promises import distances, farthest
 from planners.robot.arm import Arm
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -112,7 +113,7 @@ def plan_field(
     if since is None:
         raise _late(problem, t, _error(problem, t, q))
     motion = _sampled(problem, np.array(states), np.array(accelerations), period, since * period, smooth)
-    return _met(problem, motion, tolerance) if isinstance(target, MovingHand) else motion
+    return _met(target, motion, tolerance) if isinstance(target, MovingHand) else motion
 
 
 def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: float) -> Field:
@@ -186,15 +187,18 @@ def _late(problem: MotionProblem, t: float, error: float) -> Infeasible:
     return Infeasible("late", f"after {t:.4g} s the field is still {error:.3g} {unit} from the target", error=error)
 
 
-def _met(problem: MotionProblem, motion: Trajectory, tolerance: float) -> Trajectory:
+def _met(target: MovingHand, motion: Trajectory, tolerance: float) -> Trajectory:
     """The motion with the time from which on it stays with a moving target, also within the periods."""
-    errors = np.array([_error(problem, t, q[None]) for t, q in zip(motion.t, motion.q, strict=True)])
+    times, errors = distances(motion, target)
     away = np.flatnonzero(~(errors <= tolerance))
-    first = int(away[-1]) + 1 if len(away) else 0
-    if first == len(errors):
-        raise _late(problem, motion.duration, float(errors[-1]))
-    since = float(motion.t[first])
-    return replace(motion, cost=since, rendezvous_time=since)
+    first = int(np.searchsorted(motion.t, times[away[-1]], side="right")) if len(away) else 0
+    while first < len(motion.t):
+        since = float(motion.t[first])
+        error, when = farthest(motion, target, since)
+        if error <= tolerance:
+            return replace(motion, cost=since, rendezvous_time=since)
+        first = max(first + 1, int(np.searchsorted(motion.t, when, side="right")))
+    raise _late(motion.problem, motion.duration, float(errors[-1]))
 
 
 def _sampled(

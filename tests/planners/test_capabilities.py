@@ -24,6 +24,7 @@ from planners import (
     dpct,
 )
 from planners.capabilities import VARIANTS
+from planners.promises import require_solved, target_error
 from tools.fuzz_planners import Fuzz, run
 from tools.fuzzing.promises import broken_promises
 
@@ -55,6 +56,7 @@ def test_a_share_of_the_campaign_finds_no_broken_promise(label: str) -> None:
         ("dpct/torque", 13606),  # late, and joints that move beside the path need more time than the path does
         ("dpct/torque", 13684),
         ("apf/field", 9000),
+        ("apf/field", 64557),  # a moving target is met within 1 mm at the samples, and not between them
     ],
 )
 def test_problems_that_once_broke_a_promise_in_the_campaign(label: str, number: int) -> None:
@@ -108,6 +110,25 @@ def test_the_campaign_notices_a_motion_that_breaks_its_promises() -> None:
     broken = " ".join(broken_promises(replace(weaker, target=FixedJoints(np.ones(2)), horizon=0.1), motion, promising))
     for word in ("torque", "velocity", "acceleration", "touches an obstacle", "takes", "from the target"):
         assert word in broken
+
+
+def test_a_ride_that_leaves_its_target_between_the_samples_is_refused() -> None:
+    """Straight in joint space from place to place, the hand takes a chord's arc where the belt is straight."""
+    belt = MovingHand([0.3, 0.4], [0.2, 0.0])
+    t = np.array([0.0, 0.7, 1.4])
+    places = np.array([SCARA_50CM.inverse_kinematics(place)[0] for place in belt.at(t)[0]])
+    problem = MotionProblem(SCARA_50CM, places[0], belt, 2.0, limits=JointLimits().for_joints(2))
+    slopes = np.gradient(places, t, axis=0)
+    motion = planners.sampled_trajectory(problem, t, places, slopes, 0.0 * places, planner="x", rendezvous_time=0.0)
+    inside = np.linspace(0.0, 1.4, 2001)
+    away = np.hypot(*(SCARA_50CM.forward_kinematics(motion.at(inside)[0]) - belt.at(inside)[0]).T)
+    error, unit = target_error(problem, motion)
+    assert unit == "m"
+    assert error == pytest.approx(away.max(), rel=1e-3)
+    assert error > 1e-3
+    with pytest.raises(Infeasible, match=r"from the target; 0\.001 m is allowed"):
+        require_solved("x", problem, motion, 1e-3, "")
+    require_solved("x", problem, motion, 1.001 * error, "")
 
 
 def test_a_problem_outside_is_refused_at_once_with_the_variants_that_can() -> None:
