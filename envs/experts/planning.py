@@ -61,6 +61,7 @@ class PlanningExpert(Expert):
                 ("begun", "i8"),  # control periods left when the plan was made
                 ("origin", "f4", task.layout.size),  # the observation that it was made from
                 ("payload", "f8"),  # the payload it was made for, kg
+                ("late", "f8"),  # the latency it was made for, s
             ]
         )
 
@@ -101,22 +102,41 @@ class PlanningExpert(Expert):
             if known_better.any():
                 plans = plans.copy()
                 self._replan(plans, observations, left, known_better, joined=True)
-        rows, sample = np.arange(len(observations)), np.maximum(0, plans["begun"] - left)
-        now, ahead = np.minimum(sample, plans["last"]), np.minimum(sample + 1, plans["last"])
+        sample = np.maximum(0, plans["begun"] - left)
+        now, ahead = self._planned_at(plans, sample), self._planned_at(plans, sample + 1)
         qdd = tracking_acceleration(
             seen["joint_position"],
             seen["joint_velocity"],
-            (plans["q"][rows, now], plans["qd"][rows, now]),
-            (plans["q"][rows, ahead], plans["qd"][rows, ahead]),
+            now,
+            ahead,
             self.task.config.control_period,
             self._gains,
         )
         braking = sample >= plans["last"]
         if self._robust is not None:  # a plan that ends at rest is held
-            braking &= (plans["last"] == 0) | (np.abs(plans["qd"][rows, now]).max(axis=1) > REST)
+            braking &= (plans["last"] == 0) | (np.abs(now[1]).max(axis=1) > REST)
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
         return self._action_for(seen, qdd), (plans, left - 1)
+
+    def _planned_at(self, plans: NDArray[Any], sample: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Angles and velocities of the plans, ``(num_envs, n)`` each, when the next commands arrive.
+
+        The estimated latency may have changed since a plan was made: between two samples the acceleration is constant.
+        """
+        rows, period = np.arange(len(plans)), self.task.config.control_period
+        if self._estimate is None:
+            place = np.minimum(sample, plans["last"])
+            return plans["q"][rows, place], plans["qd"][rows, place]
+        rests = np.abs(plans["qd"][rows, plans["last"]]).max(axis=1) <= REST
+        later = np.where(rests, 0.0, self._estimate.late - plans["late"])
+        exact = np.clip(sample + later / period, 0.0, plans["last"])
+        place = np.minimum(exact.astype(np.int64), np.maximum(0, plans["last"] - 1))
+        after, share = np.minimum(place + 1, plans["last"]), (exact - place)[:, None]
+        rise = plans["qd"][rows, after] - plans["qd"][rows, place]
+        qd = (1.0 - share) * plans["qd"][rows, place] + share * plans["qd"][rows, after]
+        q = (1.0 - share) * plans["q"][rows, place] + share * plans["q"][rows, after]
+        return q - 0.5 * period * share * (1.0 - share) * rise, qd
 
     def _replan(
         self,
@@ -134,13 +154,14 @@ class PlanningExpert(Expert):
         planned = np.zeros_like(due)
         period = self.task.config.control_period
         plans["payload"][due] = self._payload[due]
+        if joined:
+            sample = plans["begun"] - left
+            (_, before), (q, qd), (_, after) = (self._planned_at(plans, sample + step) for step in (-1, 0, 1))
+            qdd = (after - before) / (2.0 * period)
         for row in np.flatnonzero(due):
             problem = self.task.motion_problem(observations[row])
             if joined:
-                sample = int(plans["begun"][row] - left[row])
-                q, qd = plans["q"][row], plans["qd"][row]
-                acceleration = (qd[sample + 1] - qd[sample - 1]) / (2.0 * period)
-                problem = replace(problem, q=q[sample], qd=qd[sample], qdd=acceleration)
+                problem = replace(problem, q=q[row], qd=qd[row], qdd=qdd[row])
             problem = replace(problem, payload=float(self._payload[row]))
             plan = None
             if self._robust is not None and self._replan_every is None:  # a plan that is kept needs torque to correct
@@ -151,8 +172,8 @@ class PlanningExpert(Expert):
                 plan = self._plan(self._planner, problem)
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
-                q, qd, _ = plan.at(period * np.arange(last + 1))
-                plans["q"][row, : last + 1], plans["qd"][row, : last + 1] = q, qd
+                plans["q"][row, : last + 1], plans["qd"][row, : last + 1], _ = plan.at(period * np.arange(last + 1))
+                plans["late"][row] = 0.0 if self._estimate is None else self._estimate.late[row]
                 plans["last"][row], plans["begun"][row], plans["origin"][row] = last, left[row], observations[row]
                 planned[row] = True
         return planned

@@ -45,7 +45,7 @@ class RobustTracking:
     The expert observes joints, and what moves besides, as they are estimated for the time at which its action reaches
     the joints, and the time left from then on, less than a period short. Its accelerations become torques of the
     estimated arm. The settings say how uncertain each number is (a single number counts as a standard deviation around
-    the nominal arm), the latency, or the middle of its range, and the noise; what was drawn is not known.
+    the nominal arm), the latency or its range, and the noise; what was drawn is estimated.
 
     Args:
         task: the environment's task.
@@ -53,7 +53,7 @@ class RobustTracking:
 
     def __init__(self, task: Task) -> None:
         config, far = task.config, {name: max(task.uncertainty.ends[name]) for name in DRAWN}
-        steps = round(config.control_period / config.physics_step)
+        steps, (soonest, latest) = round(config.control_period / config.physics_step), ends(config.latency)
         self._task = task
         camera, scales = far["camera_noise"], {entry.name: entry.scale for entry in task.layout.entries}
         self._points = {
@@ -70,7 +70,7 @@ class RobustTracking:
             ObserverSettings(
                 period=config.control_period,
                 steps=steps,
-                late=round(0.5 * sum(ends(config.latency)) / config.physics_step),
+                late=(round(soonest / config.physics_step), round(latest / config.physics_step)),
                 noise=(far["encoder_noise"], far["velocity_noise"]),
                 masses=max(abs(end) for end in ends(config.mass_error)),
                 alike=not isinstance(config.mass_error, tuple),
@@ -117,14 +117,13 @@ class RobustTracking:
         begins, memory = starts | (before.due != left), before.memory.copy()
         estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
         points = self._filtered(seen, before, begins)
-        settings = self._observer.settings
-        late = settings.late * period / settings.steps
         seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
         seen["joint_acceleration"] = estimate.qdd
-        seen["time_left"] = seen["time_left"] - settings.waiting * period
+        seen["time_left"] = seen["time_left"] - self._observer.settings.waiting * period
         for name in ("part", "obstacle"):
             if name in seen:
-                seen[name] = seen[name] + late * seen[f"{name}_velocity"]
+                shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
+                seen[name] = seen[name] + shift
         expected = observations.copy()
         for entry, place in layout.slices():
             expected[:, place] = np.clip(seen[entry.name] / entry.scale, -entry.bound, entry.bound)

@@ -1,14 +1,19 @@
 """An extended Kalman filter of a planar arm: joints, masses, payload and friction, and the state ahead of a latency.
 
 The state vector holds the angles (rad) and velocities (rad/s) of the n joints, the share by which each link is heavier
-than the nominal one, the payload (kg), viscous (N m s/rad) and dry friction (N m) of a joint: ``3 n + 3`` numbers.
-Between two samples the equations of motion move the joints under the torques that reach them; the other numbers stay.
-See D. Simon, "Optimal State Estimation" (2006), section 13.2. What remains of the latency is simulated from the
-estimate, with the torques that are on their way.
+than the nominal one, the payload (kg), viscous (N m s/rad) and dry friction (N m) of a joint, and the time by which a
+command comes late, in steps of the simulation: ``3 n + 4`` numbers. Between two samples the equations of motion move
+the joints under the torques that reach them; the other numbers stay. See D. Simon, "Optimal State Estimation" (2006),
+section 13.2. The state is then simulated on over the latency, with the torques that are on their way.
+
+A latency that is not known is between two declared ends. A derivative by it is a difference over what is likely, with
+noise for the bend between: motion bends where another command begins to arrive (M. Norgaard, N. Poulsen and O. Ravn,
+"New developments in state estimation for nonlinear systems", 2000).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +34,12 @@ LEAST_NOISE = (2e-6, 2e-5)
 CREEP = 0.01
 """Joint velocity below which dry friction is proportional to the velocity, rad/s."""
 
+REACH = 3.0
+"""Square of the standard deviations either way that count as likely."""
+
+LEAST_REACH = 1e-3
+"""Difference of latencies over which a derivative is taken at least, in steps."""
+
 _SURE = 5.0
 """Standard deviations of the noise up to which a first measured velocity counts as rest."""
 
@@ -40,7 +51,7 @@ class ObserverSettings:
     Attributes:
         period: between two samples, s.
         steps: steps of the simulation in a period.
-        late: steps by which a command comes late.
+        late: least and largest number of steps by which a command comes late.
         noise: standard deviations of measured angles (rad) and velocities (rad/s).
         masses: standard deviation of the share by which links are heavier than the nominal ones.
         alike: whether that share is the same for all links.
@@ -51,7 +62,7 @@ class ObserverSettings:
 
     period: float
     steps: int
-    late: int = 0
+    late: tuple[int, int] = (0, 0)
     noise: tuple[float, float] = (0.0, 0.0)
     masses: float = 0.0
     alike: bool = False
@@ -62,7 +73,7 @@ class ObserverSettings:
     @property
     def waiting(self) -> int:
         """Periods over which commands can be on their way."""
-        return -(-self.late // self.steps)
+        return -(-self.late[1] // self.steps)
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,7 @@ class Estimate:
         coupling: coupling matrices of the arms, ``(batch, n, n)``, kg m^2.
         weight: weights of the arms, ``(batch, n)``, N m.
         friction: viscous (N m s/rad) and dry friction (N m), ``(batch, 2)``.
+        late: time until then, ``(batch,)``, s.
     """
 
     q: Array
@@ -82,6 +94,7 @@ class Estimate:
     coupling: Array
     weight: Array
     friction: Array
+    late: Array
 
     def held_torque(self, qdd: Array, period: float) -> Array:
         """Torques ``(batch, n)``, N m, that held for a period (s) give mean accelerations ``qdd`` ``(batch, n)``."""
@@ -116,11 +129,12 @@ class ArmObserver:
         chains.append((np.outer(lengths, lengths), arm.gravity * lengths))
         self._coupling = np.ascontiguousarray([coupling for coupling, _ in chains])
         self._weight = np.ascontiguousarray([weight for _, weight in chains])
-        self._size = 3 * n + 3
+        self._size = 3 * n + 4
         prior = np.zeros((self._size, self._size))
         prior[2 * n : 3 * n, 2 * n : 3 * n] = settings.masses**2 * (np.ones((n, n)) if settings.alike else np.eye(n))
         prior[3 * n, 3 * n] = settings.payload**2
         prior[3 * n + 1, 3 * n + 1], prior[3 * n + 2, 3 * n + 2] = np.square(settings.friction)
+        prior[3 * n + 3, 3 * n + 3] = (settings.late[1] - settings.late[0]) ** 2 / 12.0  # of a uniform distribution
         noise = np.maximum(settings.noise, LEAST_NOISE)
         # Friction takes at most half of what would stop a joint in a step: else the simulation would not be stable.
         mobility = 1.0 / np.array(arm.inertias)
@@ -128,7 +142,7 @@ class ArmObserver:
         most = 0.5 / (mobility * period / settings.steps)
         self._known = prior, noise, most
         self._times = np.array([period, period / settings.steps, settings.unmodelled])
-        self._steps = np.array([settings.steps, settings.late])
+        self._steps = np.array([settings.steps, *settings.late])
 
     @property
     def width(self) -> int:
@@ -144,7 +158,8 @@ class ArmObserver:
         out, coupling, weight = np.empty((3, rows, n)), np.empty((rows, n, n)), np.empty((rows, n))
         chain = self._coupling, self._weight
         _update(chain, self._known, self._times, self._steps, memory, starts, q, qd, out, coupling, weight)
-        return Estimate(out[0], out[1], out[2], coupling, weight, memory[:, 3 * n + 1 : 3 * n + 3].copy())
+        friction, late = memory[:, 3 * n + 1 : 3 * n + 3].copy(), memory[:, 3 * n + 3] * self._times[1]
+        return Estimate(out[0], out[1], out[2], coupling, weight, friction, late)
 
     def send(self, memory: Array, tau: Array) -> None:
         """Note in ``memory`` the torques ``(batch, n)`` of a new command, N m."""
@@ -169,7 +184,7 @@ def _update(
 ) -> None:
     """All rows of `ArmObserver.update`; ``out`` ``(3, rows, n)`` are angles, velocities and accelerations ahead."""
     n = q.shape[1]
-    size = 3 * n + 3
+    size = 3 * n + 4
     prior, noise, most = known
     for row in range(q.shape[0]):
         own = memory[row]
@@ -178,6 +193,7 @@ def _update(
         qdd = out[2, row]
         if starts[row]:
             x[:], cov[:, :], commands[:, :] = 0.0, prior, 0.0
+            x[size - 1] = 0.5 * (steps[1] + steps[2])
             for i in range(n):
                 x[i], cov[i, i] = q[row, i], noise[0] ** 2
                 moving = abs(qd[row, i]) > _SURE * noise[1]
@@ -185,10 +201,10 @@ def _update(
                 cov[n + i, n + i] = noise[1] ** 2 if moving else LEAST_NOISE[1] ** 2
         else:
             _predict(chain, most, times, steps, commands, x, cov, qdd)
-            _correct(noise, q[row], qd[row], x, cov)
+            _correct(noise, steps, q[row], qd[row], x, cov)
         ahead = x.copy()
         qdd[:] = 0.0
-        _move(chain, most, times, steps, commands, 0, steps[1], ahead, qdd)
+        _move(chain, most, times, steps[0], commands, 0, ahead[size - 1], ahead, qdd)
         out[0, row], out[1, row] = ahead[:n], ahead[n : 2 * n]
         _loaded(chain, x, coupling[row], weight[row])
 
@@ -211,34 +227,39 @@ def _move(
     chain: Any,
     most: Array,
     times: Array,
-    steps: Any,
+    steps: int,
     commands: Array,
     first: int,
-    last: int,
+    last: float,
     x: Array,
     qdd: Array,
 ) -> None:
     """Move the joints of ``x`` on from step ``first`` to ``last``, counted from now, as semi-implicit Euler does.
 
-    ``commands[k]`` was sent ``k + 1`` periods ago.
+    ``commands[k]`` was sent ``k + 1`` periods of so many ``steps`` ago. A step in which another command begins to
+    arrive has the mean torque; the last step may be a part of one.
     """
     n = qdd.shape[0]
     coupling, weight, tau = np.empty((n, n)), np.empty(n), np.empty(n)
     _loaded(chain, x, coupling, weight)
     angles, rates = x[:n], x[n : 2 * n]
     viscous, dry = x[3 * n + 1], x[3 * n + 2]
-    for step in range(first, last):
-        sent = commands[(steps[1] - step + steps[0] - 1) // steps[0] - 1]
+    whole = int(x[3 * n + 3])
+    part = x[3 * n + 3] - whole
+    for step in range(first, math.ceil(last)):
+        duration = times[1] * min(1.0, last - step)
+        new = commands[max(0, (whole - step + steps - 1) // steps - 1)]
+        old = commands[min(len(commands) - 1, (whole - step + steps) // steps - 1)]
         for i in range(n):
             speed = rates[i]
             friction = viscous * speed + dry * min(1.0, max(-1.0, speed / CREEP))
             bound = most[i] * abs(speed)
-            tau[i] = sent[i] - min(bound, max(-bound, friction))
+            tau[i] = new[i] + part * (old[i] - new[i]) - min(bound, max(-bound, friction))
         forward_dynamics_single(coupling, weight, angles, rates, tau, qdd)
         for i in range(n):
             before = rates[i]
-            rates[i] += times[1] * qdd[i]
-            angles[i] += 0.5 * times[1] * (before + rates[i])
+            rates[i] += duration * qdd[i]
+            angles[i] += 0.5 * duration * (before + rates[i])
 
 
 @private
@@ -247,26 +268,36 @@ def _predict(
 ) -> None:
     """Move state and covariance on by the last period; the derivatives are differences."""
     n, size = qdd.shape[0], x.shape[0]
-    begin, f = x.copy(), np.eye(size)
-    _move(chain, most, times, steps, commands, -steps[0], 0, x, qdd)
+    begin, f, bend = x.copy(), np.eye(size), np.zeros(2 * n)
+    _move(chain, most, times, steps[0], commands, -steps[0], 0.0, x, qdd)
     for k in range(size):
         if cov[k, k] > 0.0:
-            other = begin.copy()
-            other[k] += 1e-6
-            _move(chain, most, times, steps, commands, -steps[0], 0, other, qdd)
+            low, high = begin[k], begin[k] + 1e-6
+            less = x
+            if k == size - 1:
+                reach = max(LEAST_REACH, math.sqrt(REACH * cov[k, k]))
+                low, high = max(float(steps[1]), low - reach), min(float(steps[2]), high + reach)
+                less = begin.copy()
+                less[k] = low
+                _move(chain, most, times, steps[0], commands, -steps[0], 0.0, less, qdd)
+            more = begin.copy()
+            more[k] = high
+            _move(chain, most, times, steps[0], commands, -steps[0], 0.0, more, qdd)
             for i in range(2 * n):
-                f[i, k] = (other[i] - x[i]) / 1e-6
+                f[i, k] = (more[i] - less[i]) / (high - low)
+                bend[i] += (x[i] - less[i] - f[i, k] * (begin[k] - low)) ** 2
     move_covariance(f, cov)
     for i in range(n):
-        cov[i, i] += (0.5 * times[2] * times[0] ** 2) ** 2
-        cov[n + i, n + i] += (times[2] * times[0]) ** 2
+        cov[i, i] += (0.5 * times[2] * times[0] ** 2) ** 2 + bend[i]
+        cov[n + i, n + i] += (times[2] * times[0]) ** 2 + bend[n + i]
 
 
 @private
-def _correct(noise: Array, q: Array, qd: Array, x: Array, cov: Array) -> None:
+def _correct(noise: Array, steps: Any, q: Array, qd: Array, x: Array, cov: Array) -> None:
     """Correct by the measured numbers, one after the other."""
     n, size = q.shape[0], x.shape[0]
     for j in range(2 * n):
         correct_by(q[j] if j < n else qd[j - n], j, noise[j // n] ** 2, x, cov)
-    for k in range(2 * n, size):
+    for k in range(2 * n, size - 1):
         x[k] = max(-0.9 if k < 3 * n else 0.0, x[k])
+    x[size - 1] = min(float(steps[2]), max(float(steps[1]), x[size - 1]))

@@ -74,8 +74,29 @@ def test_masses_and_friction_are_estimated() -> None:
     assert estimated[10] == pytest.approx(truth["viscous_friction"], abs=0.02)
 
 
+@pytest.mark.parametrize("env_id", [MOVE, "ObstacleDodge-v0"])  # latencies of up to one and two control periods
+def test_a_drawn_latency_is_estimated(env_id: str) -> None:
+    latency = envs.task_card(env_id).levels["latency"].settings["latency"]
+    vector: Any = gym.make_vec(env_id, num_envs=EPISODES, latency=latency)
+    expert = envs.make_expert("apf", vector)
+    observations, _ = vector.reset(seed=0)
+    state: Any = None
+    for _ in range(10):
+        actions, state = expert.predict(observations, state)
+        observations, *_ = vector.step(actions)
+    late = vector.task.batch["latency_steps"]
+    assert len(np.unique(late)) > 2
+    np.testing.assert_allclose(state.memory[:, 3 * vector.task.arm.n_joints + 3], late, atol=0.5)
+
+
+@pytest.mark.parametrize("name", ["dpct", "apf"])
+def test_moves_succeed_with_a_drawn_latency(name: str) -> None:
+    assert share(MOVE, name, latency=(0.0, 0.005)) == 1.0
+    assert share(MOVE, name, filtered=False, latency=(0.0, 0.005)) <= 4 / 6
+
+
 def test_actions_are_the_same_in_a_batch_and_alone() -> None:
-    settings: dict[str, Any] = {"mass_error": (-0.1, 0.1), "latency": 0.005, "encoder_noise": 1e-3}
+    settings: dict[str, Any] = {"mass_error": (-0.1, 0.1), "latency": (0.0, 0.005), "encoder_noise": 1e-3}
     vector = gym.make_vec(MOVE, num_envs=3, **settings)
     expert = envs.make_expert("apf", vector)
     observations, _ = vector.reset(seed=[4, 5, 6])
