@@ -11,9 +11,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.random.distributions import random_standard_normal
+
+from planners.compiled.calls import inlined
 
 WORDS = 4
 """Number of addresses of a generator."""
@@ -33,8 +37,42 @@ def _functions(kind: str) -> tuple[int, ...]:
     return tuple(int(ctypes.cast(one, ctypes.c_void_p).value or 0) for one in every)
 
 
-def _generator_at(typing_context: Any, words: Any) -> Any:
-    kind = types.NumPyRandomGeneratorType("generator")
+def _next(place: int, bits: Any, result: Any) -> Any:
+    """A function of compiled code that calls one of the functions with the state, which returns so many ``bits``."""
+
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array, word = context.make_array(signature.args[0])(context, builder, values[0]), ir.IntType(64)
+        state, function = (
+            builder.load(cgutils.gep_inbounds(builder, array.data, index))  # type: ignore[no-untyped-call]
+            for index in (0, place)
+        )
+        number = builder.call(builder.inttoptr(function, ir.FunctionType(bits, [word]).as_pointer()), [state])
+        return builder.zext(number, word) if bits == ir.IntType(32) else number
+
+    @intrinsic
+    def following(typing_context: Any, words: Any) -> Any:
+        return result(words), build
+
+    return following
+
+
+_next_uint32: Any = _next(2, ir.IntType(32), types.int64)
+
+uniform: Any = _next(3, ir.DoubleType(), types.float64)
+"""``generator.random()`` in compiled code, of the generator of the addresses in an array of int64."""
+
+
+@inlined
+def below(words: Any, count: int) -> int:
+    """``generator.integers(count)`` in compiled code, for a small count, by Lemire's method."""
+    least = (2**32 - count) % count
+    while True:
+        product = _next_uint32(words) * count
+        if product & 0xFFFFFFFF >= least:
+            return int(product >> 32)
+
+
+def _bits_at(typing_context: Any, words: Any) -> Any:
     bits = types.NumPyRandomBitGeneratorType("bit_generator")
 
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -45,12 +83,15 @@ def _generator_at(typing_context: Any, words: Any) -> Any:
             word = builder.load(cgutils.gep_inbounds(builder, array.data, index))  # type: ignore[no-untyped-call]
             setattr(source, name, word)
         source.state_address = source.state
-        made = cgutils.create_struct_proxy(kind)(context, builder)  # type: ignore[no-untyped-call]
-        made.bit_generator = source._getvalue()
-        return made._getvalue()
+        return source._getvalue()
 
-    return kind(words), build
+    return bits(words), build
 
 
-generator_at: Any = intrinsic(_generator_at)
-"""The generator of the addresses in an array of int64, in compiled code."""
+_bits: Any = intrinsic(_bits_at)
+
+
+@inlined
+def normal(words: Any) -> float:
+    """``generator.standard_normal()`` in compiled code."""
+    return float(random_standard_normal(_bits(words)))  # type: ignore[no-untyped-call]

@@ -17,9 +17,10 @@ import math
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numba.np.random.random_methods import buffered_bounded_lemire_uint32
 
-from planners.compiled.calls import inlined, private
+from envs.batch.generators import below, normal, uniform
+from envs.physics.episode import table_of
+from planners.compiled.calls import Kernel, inlined, private
 from planners.motion.time_laws import trapezoid_share
 from planners.robot.clearance import clearance_single
 from planners.typing import Array
@@ -27,8 +28,6 @@ from planners.typing import Array
 Kind = Literal["waypoints", "passes", "wander"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _WAYPOINTS, _PASSES, _WANDER = 0, 1, 2  # positions in KINDS
-_below: Any = buffered_bounded_lemire_uint32
-"""What ``generator.integers`` does for small numbers: the same random numbers, and compiled in a tenth of the time."""
 
 PATH_STEP = 0.01
 """Time between two samples of a path, s."""
@@ -72,28 +71,9 @@ LEAD_ITERATIONS = 6
 
 
 @inlined
-def draw_path(generator: Any, kind: int, draw: Any, arm: Any, paths: Array, disc: int) -> None:
-    """Draw the path of one disc, relative to the base of the arm.
-
-    Args:
-        generator: a NumPy generator.
-        kind: index into `KINDS`.
-        draw: the record of a start (`envs.obstacle_dodge.starts`), whose straight move the disc is aimed at.
-        arm: the record of the arm.
-        paths: samples of the paths of all discs, ``(samples, discs, 2)``, m.
-        disc: index of the one to fill in.
-    """
-    x, y = _spawn(generator, draw, arm)
-    if kind == _WANDER:
-        _wander(generator, WANDER_SPEED if math.isnan(draw.speed) else draw.speed, draw, arm, x, y, paths, disc)
-    else:
-        _follow_legs(generator, kind, draw.speed, draw, arm, x, y, paths, disc)
-
-
-@inlined
 def draw_kind(generator: Any) -> int:
     """Draw an index into `KINDS`."""
-    return int(_below(generator.bit_generator, len(KINDS) - 1))
+    return below(generator, len(KINDS))
 
 
 @private
@@ -107,11 +87,11 @@ def _spawn(generator: Any, draw: Any, arm: Any) -> tuple[float, float]:
             return x, y
 
 
-@private
-def _follow_legs(
-    generator: Any, kind: int, speed: float, draw: Any, arm: Any, x: float, y: float, paths: Array, disc: int
-) -> None:
+def _follow_legs(draw: Any, arm: Any) -> None:
     """Write a path leg by leg; the velocity follows the leg's with a lag."""
+    generator, paths = draw.generator, table_of(draw, (arm.samples, arm.points, 2))
+    disc, kind, speed = draw.disc, draw.path_kind, draw.speed
+    x, y = _spawn(generator, draw, arm)
     follow = 1.0 - math.exp(-PATH_STEP / LAG)
     pace, vx, vy, end_x, end_y = speed, 0.0, 0.0, x, y
     for sample in range(paths.shape[0]):
@@ -119,13 +99,14 @@ def _follow_legs(
         far = math.hypot(end_x - x, end_y - y)
         if far < ARRIVED:
             if math.isnan(speed) and (sample == 0 or kind == _WAYPOINTS):
-                pace = SLOWEST + (FASTEST - SLOWEST) * generator.random()
+                pace = SLOWEST + (FASTEST - SLOWEST) * uniform(generator)
             end_x, end_y = _next_leg(generator, kind, pace, draw, arm, sample * PATH_STEP, x, y)
             far = max(math.hypot(end_x - x, end_y - y), 1e-9)
         share = 1.0 if sample == 0 else follow
         vx += share * (pace * (end_x - x) / far - vx)
         vy += share * (pace * (end_y - y) / far - vy)
         x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
+    _place(arm, paths, disc)
 
 
 @inlined
@@ -134,11 +115,11 @@ def _next_leg(
 ) -> tuple[float, float]:
     """End of the leg that begins at (x, y): aimed at the arm or, where the base is in the way, anywhere."""
     end_x, end_y = x, y
-    if kind == _PASSES or now == 0.0 or generator.random() < AIMED:
+    if kind == _PASSES or now == 0.0 or uniform(generator) < AIMED:
         for _ in range(AIMS):
-            at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * generator.random(), pace, now, x, y)
+            at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * uniform(generator), pace, now, x, y)
             way = math.hypot(at_x - x, at_y - y)
-            beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * generator.random()
+            beyond = np.inf if kind == _PASSES else 0.2 + 0.4 * uniform(generator)
             end_x, end_y = _clear_end(x, y, at_x, at_y, way + beyond)
             if math.hypot(end_x - x, end_y - y) >= way:  # or the base is in between
                 break
@@ -178,20 +159,22 @@ def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> t
     return x + length * along_x, y + length * along_y
 
 
-@private
-def _wander(generator: Any, pace: float, draw: Any, arm: Any, x: float, y: float, paths: Array, disc: int) -> None:
+def _wander(draw: Any, arm: Any) -> None:
     """Write a path whose velocity follows, with a lag, an Ornstein-Uhlenbeck process around zero."""
+    generator, paths = draw.generator, table_of(draw, (arm.samples, arm.points, 2))
+    disc, pace = draw.disc, WANDER_SPEED if math.isnan(draw.speed) else draw.speed
+    x, y = _spawn(generator, draw, arm)
     keep, follow = math.exp(-PATH_STEP / CORRELATION_TIME), 1.0 - math.exp(-PATH_STEP / LAG)
     root = pace / math.sqrt(2.0)
     fresh = root * math.sqrt(1.0 - keep * keep)
-    at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * generator.random(), pace, 0.0, x, y)
+    at_x, at_y = _lead(draw, arm, 0.5 + 1.5 * uniform(generator), pace, 0.0, x, y)
     far = max(math.hypot(at_x - x, at_y - y), 1e-9)
     wanted_x, wanted_y = pace * (at_x - x) / far, pace * (at_y - y) / far
     vx, vy = wanted_x, wanted_y
     for sample in range(paths.shape[0]):
         paths[sample, disc, 0], paths[sample, disc, 1] = x, y
-        wanted_x = keep * wanted_x + fresh * generator.standard_normal()
-        wanted_y = keep * wanted_y + fresh * generator.standard_normal()
+        wanted_x = keep * wanted_x + fresh * normal(generator)
+        wanted_y = keep * wanted_y + fresh * normal(generator)
         if not _INSIDE < x * x + y * y < _OUTSIDE:  # at a wall
             away = math.hypot(x, y)
             push = WALL_STIFFNESS * (max(0.0, NEAREST + WALL - away) - max(0.0, away - FARTHEST + WALL)) / away
@@ -202,13 +185,35 @@ def _wander(generator: Any, pace: float, draw: Any, arm: Any, x: float, y: float
         vx += follow * (wanted_x / too_fast - vx)
         vy += follow * (wanted_y / too_fast - vy)
         x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
+    _place(arm, paths, disc)
+
+
+PATH_KERNELS = {
+    "legs_kernel": Kernel(_follow_legs, error_model="numpy"),
+    "wander_kernel": Kernel(_wander, error_model="numpy"),
+}
+"""``kernel(draw, arm)`` writes the path of the disc ``draw.disc`` of a start (`envs.obstacle_dodge.starts`), m."""
+
+
+@inlined
+def path_kernel(kind: int, arm: Any) -> int:
+    """The address of the kernel for an index into `KINDS`; 0 until it is compiled."""
+    return int(arm.wander_kernel if kind == _WANDER else arm.legs_kernel)
+
+
+@inlined
+def _place(arm: Any, paths: Array, disc: int) -> None:
+    """Give the path of a disc, in the units of the arm and relative to its base, its place, m."""
+    for sample in range(paths.shape[0]):
+        for axis in range(2):
+            paths[sample, disc, axis] = arm.length * paths[sample, disc, axis] + arm.base[axis]
 
 
 @private
 def _anywhere(generator: Any, nearest: float, farthest: float) -> tuple[float, float]:
     """Draw a point of an annulus around the base, uniform in distance and direction."""
-    distance = nearest + (farthest - nearest) * generator.random()
-    angle = 2.0 * math.pi * generator.random()
+    distance = nearest + (farthest - nearest) * uniform(generator)
+    angle = 2.0 * math.pi * uniform(generator)
     return distance * math.cos(angle), distance * math.sin(angle)
 
 

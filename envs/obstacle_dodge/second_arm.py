@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.batch.generators import generator_at
+from envs.batch.generators import uniform
 from envs.obstacle_dodge.paths import PATH_STEP, SPAWN_CLEARANCE
 from envs.physics.episode import table_of
 from planners import Arm
@@ -110,11 +110,11 @@ DRAW_SECOND_ARM = Kernel(_draw_second_arms, error_model="numpy")
 @inlined
 def _draw_motion(draw: Any, arm: Any, q: Array) -> int:
     """Draw the base and the motion of a second arm; whether there is room for it."""
-    generator = generator_at(draw.generator)
+    generator = draw.generator
     path = table_of(draw, (arm.samples, arm.points, 2))
     x, y = _point_on_way(generator, draw, arm)
-    direction = math.atan2(y, x) + ASIDE * (2.0 * generator.random() - 1.0)
-    distance = BASE_FROM + (BASE_TO - BASE_FROM) * generator.random()
+    direction = math.atan2(y, x) + ASIDE * (2.0 * uniform(generator) - 1.0)
+    distance = BASE_FROM + (BASE_TO - BASE_FROM) * uniform(generator)
     base = distance * math.cos(direction), distance * math.sin(direction)
     # the middle of the first joint's range points at the other base
     heading = direction + math.pi - 0.5 * (arm.lowest[0] + arm.highest[0])
@@ -125,9 +125,9 @@ def _draw_motion(draw: Any, arm: Any, q: Array) -> int:
         now = sample * PATH_STEP
         if now >= end:
             q[0, 0], q[0, 1] = q[1, 0], q[1, 1]
-            if not _draw_clear(generator, draw, arm, base, heading, q[1], False, generator.random() < AIMED):
+            if not _draw_clear(generator, draw, arm, base, heading, q[1], False, uniform(generator) < AIMED):
                 return _NO_SECOND_ARM
-            pace = SLOWEST + (FASTEST - SLOWEST) * generator.random()
+            pace = SLOWEST + (FASTEST - SLOWEST) * uniform(generator)
             begin, end = now, now + _duration(arm, q, pace)
         s = (now - begin) / (end - begin)
         share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
@@ -150,7 +150,7 @@ def _draw_clear(
     start, goal = _chain(arm.unit_lengths, arm.origin, draw.start), _chain(arm.unit_lengths, arm.origin, draw.end)
     for tried in range(TRIES):
         for i in range(2):
-            q[i] = arm.lowest[i] + (arm.highest[i] - arm.lowest[i]) * generator.random()
+            q[i] = arm.lowest[i] + (arm.highest[i] - arm.lowest[i]) * uniform(generator)
         inner = heading + q[0]
         elbow = base[0] + arm.unit_lengths[0] * math.cos(inner), base[1] + arm.unit_lengths[0] * math.sin(inner)
         outer = inner + q[1]
@@ -170,7 +170,7 @@ def _draw_clear(
 @private
 def _point_on_way(generator: Any, draw: Any, arm: Any) -> tuple[float, float]:
     """Draw a point of the outer link of the first arm on its straight move to the goal."""
-    share, place = generator.random(), generator.random()
+    share, place = uniform(generator), uniform(generator)
     inner = draw.start[0] + share * draw.change[0]
     outer = inner + draw.start[1] + share * draw.change[1]
     x = arm.unit_lengths[0] * math.cos(inner) + place * arm.unit_lengths[1] * math.cos(outer)

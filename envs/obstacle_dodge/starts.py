@@ -9,17 +9,16 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from envs.batch.generators import WORDS, addresses_of, generator_at
+from envs.batch.generators import WORDS, addresses_of, uniform
 from envs.batch.pool import BATCH, COUNT, Words, job_of, work_on_all
 from envs.batch.records import Records
-from envs.obstacle_dodge.paths import FASTEST, KINDS, Kind, draw_kind, draw_path, follow_points
+from envs.obstacle_dodge.paths import FASTEST, KINDS, PATH_KERNELS, Kind, draw_kind, follow_points, path_kernel
 from envs.obstacle_dodge.scale import Scale
 from envs.obstacle_dodge.second_arm import DISCS, DRAW_SECOND_ARM
-from envs.physics.episode import table_of
 from envs.physics.rigid_bodies import model_record
 from envs.settings import Settings
 from planners import Arm, JointLimits
-from planners.compiled.calls import Kernel, inlined, private
+from planners.compiled.calls import Kernel, call, inlined, private
 from planners.motion.time_laws import trapezoid
 from planners.robot.kinematics import turned_towards
 from planners.typing import Array
@@ -97,6 +96,8 @@ _DRAW = np.dtype(
         ("table", "i8"),
         ("kind", "i8"),
         ("found", "i8"),
+        ("disc", "i8"),
+        ("path_kind", "i8"),
         ("speed", "f8"),
         ("radius", "f8"),
         ("start", "f8", (2,)),
@@ -113,10 +114,11 @@ _DRAW = np.dtype(
 """A start that is drawn, and from what.
 
 `generator` and `table` are the addresses of the random numbers and of the path, 0 if the path is given; `kind` that of
-the discs, or -1; `found` says whether there is a start. `speed` of the discs, or NaN, and `radius` are in the units of
-the arm. `start` and `end` are the postures at the start and with the hand at the `goal`, rad and m, drawn where they
-are NaN. The discs are aimed at a straight move: its `change` of the posture, `top` speed, `ramp` time, and the hand
-`at` its end, in the units of the arm. The base of the second arm is in m.
+the discs, or -1; `found` says whether there is a start. `disc` is the disc whose path comes next, -1 before the ends
+are drawn, and `path_kind` its kind, or -1 if it has not been drawn. `speed` of the discs, or NaN, and `radius` are in
+the units of the arm. `start` and `end` are the postures at the start and with the hand at the `goal`, rad and m, drawn
+where they are NaN. The discs are aimed at a straight move: its `change` of the posture, `top` speed, `ramp` time, and
+the hand `at` its end, in the units of the arm. The base of the second arm is in m.
 """
 
 
@@ -157,6 +159,7 @@ class DodgeStarts:
                 "samples": samples,
                 "discs": discs,
                 "points": self._points,
+                **dict.fromkeys(PATH_KERNELS, 0),
             }
         )
 
@@ -175,6 +178,7 @@ class DodgeStarts:
         speed = math.nan if options.obstacle_speed is None else options.obstacle_speed / (length / self._scale.time)
         draws = np.zeros(len(generators), _DRAW)
         draws["kind"] = KINDS.index(options.obstacle_kind) if options.obstacle_kind else -1
+        draws["disc"] = draws["path_kind"] = -1
         draws["speed"], draws["radius"] = speed, radius / length
         draws["start"], draws["end"] = math.nan if options.start is None else options.start, math.nan
         draws["generator"] = [addresses_of(generator) for generator in generators]
@@ -187,6 +191,9 @@ class DodgeStarts:
             paths = [bytes(size) for _ in draws]  # nobody else has them yet: they are written once, here
             draws["table"] = [np.frombuffer(path).__array_interface__["data"][0] for path in paths]
         self._work(draws, _DRAW_EPISODE)
+        while (draws["disc"] < self._discs).any():
+            self._compile_paths(draws)
+            self._work(draws, _DRAW_EPISODE)
         if self._second_arm:
             self._work(draws, DRAW_SECOND_ARM)
         if given is not None:  # what is drawn begins clear of the arm
@@ -215,6 +222,14 @@ class DodgeStarts:
         work_on_all(job, len(draws), envs_per_thread=1)
         if draws["found"].any():
             self._require(int(draws["found"].max()))
+
+    def _compile_paths(self, draws: Records) -> None:
+        """Compile what the paths of the discs wait for: the kernel of one draw, or those of all kinds for several."""
+        wanders = draws["path_kind"] == KINDS.index("wander")
+        needed = {"wander_kernel": wanders.any(), "legs_kernel": not wanders.all()}
+        for name, kernel in PATH_KERNELS.items():
+            if needed[name] or len(draws) > 1:
+                self._numbers[name] = kernel.address(draws.dtype, self._numbers.dtype)
 
     def _require(self, found: int) -> None:
         """Raise a ValueError if no start has been found."""
@@ -259,12 +274,14 @@ def _draw_episodes(draws: Any, arms: Any, first: int, last: int) -> None:
     """Draw the ends of the moves and the paths of the discs."""
     for index in range(first, last):
         draw, arm = draws[index], arms[0]
-        generator = generator_at(draw.generator)
-        draw.found = _DRAWN
-        if math.isnan(draw.end[0]):
-            draw.found = _draw_ends(generator, draw, arm)
+        generator = draw.generator
+        if draw.disc < 0:
+            draw.found, draw.disc = _DRAWN, 0
+            if math.isnan(draw.end[0]):
+                draw.found = _draw_ends(generator, draw, arm)
+            if draw.found == _DRAWN:
+                _aim_at(draw, arm)
         if draw.found == _DRAWN:
-            _aim_at(draw, arm)
             _draw_discs(generator, draw, arm)
 
 
@@ -301,25 +318,24 @@ def _aim_at(draw: Any, arm: Any) -> None:
 
 @inlined
 def _draw_discs(generator: Any, draw: Any, arm: Any) -> None:
-    """Write the paths of the discs, or draw no more than their kinds where the paths are given."""
-    path = table_of(draw, (arm.samples, arm.points, 2))
-    for disc in range(arm.discs):
-        kind = draw.kind
-        if kind < 0:
-            kind = draw_kind(generator)
+    """Write the paths of the discs up to one whose kernel is missing; no more than kinds where the paths are given."""
+    while draw.disc < arm.discs:
+        if draw.path_kind < 0:
+            draw.path_kind = draw.kind if draw.kind >= 0 else draw_kind(generator)
         if draw.table != 0:
-            draw_path(generator, kind, draw, arm, path, disc)
-    for sample in range(arm.samples if draw.table != 0 else 0):
-        for disc in range(arm.discs):
-            for axis in range(2):
-                path[sample, disc, axis] = arm.length * path[sample, disc, axis] + arm.base[axis]
+            kernel = path_kernel(draw.path_kind, arm)
+            if kernel == 0:
+                break
+            call(kernel, draw, arm)
+        draw.path_kind = -1
+        draw.disc += 1
 
 
 def _draw_postures(draws: Any, arms: Any, first: int, last: int) -> None:
     """Draw the postures at the start that are not given."""
     for index in range(first, last):
         draw = draws[index]
-        if math.isnan(draw.start[0]) and not _draw_posture(generator_at(draw.generator), arms[0], draw.start):
+        if math.isnan(draw.start[0]) and not _draw_posture(draw.generator, arms[0], draw.start):
             draw.found = _NO_POSTURE
 
 
@@ -331,7 +347,7 @@ def _draw_posture(generator: Any, arm: Any, q: Array) -> bool:
     """Draw joint angles ``(2,)`` with a bent elbow; whether one has been found."""
     for _ in range(_TRIES):
         for i in range(2):
-            q[i] = arm.lowest[i] + (arm.highest[i] - arm.lowest[i]) * generator.random()
+            q[i] = arm.lowest[i] + (arm.highest[i] - arm.lowest[i]) * uniform(generator)
         if abs(q[1]) >= LEAST_ELBOW:
             return True
     return False
