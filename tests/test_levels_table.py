@@ -1,39 +1,53 @@
-"""The tables of the difficulty levels: levels in the order of the card, policies beside each other."""
+"""The tables of the difficulty levels: levels in the order of what planners reach, policies beside each other."""
 
 from __future__ import annotations
 
-import pytest
+from typing import Any
 
 import envs
-from tools.levels_table import MARKS, PAGE, tables, updated
+from agents.evaluation.benchmark_config import configure
+from tools.levels_table import MARK, PAGE, load, scores, tables
+from tools.site.marks import replaced
 
 LEVELS = list(envs.task_card("MinTorqueMove-v0").levels)
 
 
-def result(level: str, policy: str, share: float) -> dict[str, object]:
-    summary = {"success": {"value": share, "low": share - 0.1, "high": share + 0.1}}
-    return {"task": f"MinTorqueMove-v0/{level}", "policies": [{"policy": policy, "summary": summary}]}
+def document(level: str, shares: dict[str, float], mode: str = "") -> dict[str, Any]:
+    policies = [
+        {
+            "policy": policy,
+            "summary": {"success": {"value": share, "low": share - 0.1, "high": share + 0.1}},
+            "action_config": {"control_mode": "motion" if policy == "agent" else mode},
+        }
+        for policy, share in shares.items()
+    ]
+    return {"versions": {}, "results": [{"task": f"MinTorqueMove-v0/{level}", "policies": policies}]}
 
 
-def test_rows_are_levels_and_columns_are_policies() -> None:
-    one = {"results": [result(LEVELS[2], "dpct", 0.25), result(LEVELS[0], "agent", 0.5)]}
-    again = {"results": [result(LEVELS[0], "agent", 0.75)]}
-    lines = list(tables([one, again]))
-    assert lines[3] == "| level | | agent | dpct |"
-    assert lines[5].endswith("| 75 (65-85) |  |")
-    assert lines[6].startswith(f"| `{LEVELS[2]}` |")
-    assert lines[6].endswith("|  | 25 (15-35) |")
+def test_levels_are_in_the_order_of_what_the_best_planner_reaches() -> None:
+    stored = {
+        **scores(document(LEVELS[0], {"agent": 0.9, "dpct": 0.5})),
+        **scores(document(LEVELS[2], {"dpct": 0.25, "apf": 0.75})),
+        **scores(document(LEVELS[1], {"dpct": 0.5, "apf": 0.75}, "velocity")),
+    }
+    lines = list(tables(stored))
+    assert lines[3] == "| level | | agent (motion) | dpct | apf |"
+    assert [line.split("`")[1] for line in lines[5:]] == [LEVELS[1], LEVELS[2], LEVELS[0]]
+    assert lines[5].endswith(" |  | 50 (40-60), velocity | 75 (65-85), velocity |")
+    assert lines[6].endswith(" |  | 25 (15-35) | 75 (65-85) |")
+    assert lines[7].endswith(" | 90 (80-100) | 50 (40-60) |  |")
 
 
-def test_a_page_without_marks_is_refused() -> None:
-    with pytest.raises(ValueError, match="lacks the marks"):
-        updated("no marks", [])
+def test_the_page_has_what_is_stored() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert replaced(text, MARK, "\n".join(tables(load()))) == text, "run python -m tools.levels_table"
 
 
-def test_the_page_has_levels_of_the_cards_in_their_order() -> None:
-    shown = PAGE.read_text(encoding="utf-8").partition(MARKS[0])[2].partition(MARKS[1])[0]
-    for env_id in envs.env_ids():
-        rows = shown.partition(f"### {env_id}\n")[2].partition("###")[0]
-        names = [line.split("`")[1] for line in rows.splitlines() if "`" in line]
-        assert len(names) > 2
-        assert names == [name for name in envs.task_card(env_id).levels if name in names]
+def test_every_level_is_scored_with_the_policies_and_control_modes_of_the_configuration() -> None:
+    config, stored = configure("levels", {}), load()
+    assert set(stored) == {task.title for task in config.tasks}
+    for task in config.tasks:
+        policies = task.policies or config.policies
+        scored = stored[task.title]["policies"]
+        assert set(scored) == set(policies)
+        assert {name: scored[name]["mode"] for name in task.control_modes} == task.control_modes

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,9 @@ from planners import arm_names, load_arm
 from planners.files import write_text
 from planners.robot.arm_files import FOLDER
 from planners.robot.limits import JointLimits
+from tools.site.marks import replaced
 
 PAGE = Path(__file__).parent.parent / "docs" / "extend" / "arms.md"
-_MARKED = re.compile(r"(<!-- presets -->\n).*?(<!-- end of presets -->)", flags=re.DOTALL)
 _PAPERS = {
     "PLANAR_3R": "The arm of the least-torque paper: MinTorqueMove-v0.",
     "SCARA_1M": "The arm of the conveyor-tracking paper: ConveyorTrack-v0.",
@@ -43,7 +42,7 @@ def table() -> str:
 
 def page() -> str:
     """The page with the table as it should be."""
-    return _MARKED.sub(lambda marks: f"{marks[1]}{table()}{marks[2]}", PAGE.read_text())
+    return replaced(PAGE.read_text(encoding="utf-8"), "presets", table())
 
 
 def _ranges(limits: JointLimits) -> str:

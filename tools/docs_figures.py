@@ -25,6 +25,7 @@ from agents.cli import main as planarm
 from agents.console import note
 from agents.provenance import machine, versions
 from planners.files import write_json, write_text
+from tools.site.marks import marked, replaced
 
 ROOT = Path(__file__).parent.parent
 STORED = Path(__file__).parent / "data" / "docs_figures.json"
@@ -45,6 +46,9 @@ class Block:
 
 BLOCKS = {
     "leaderboard": Block("docs/benchmark/leaderboard.md", "planarm benchmark --full", times=True),
+    "dodge leaderboard": Block(
+        "docs/planners/experts.md", "planarm benchmark --tasks ObstacleDodge-v0 --episodes 1000 --bound-episodes 0"
+    ),
     "planarm paper-excavator": Block("docs/papers/excavator.md", "planarm paper-excavator"),
     "excavator leaderboard": Block(
         "docs/papers/excavator.md", "planarm benchmark --tasks ExcavatorPayload-v0 --episodes 200"
@@ -140,16 +144,10 @@ def updated(page: str) -> str:
     for name, entry in load().items():
         if BLOCKS[name].page != page:
             continue
-        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
-        if text.count(begin) != 1 or text.count(end) != 1:
-            raise ValueError(f"{page} lacks the marks {begin.strip()} and {end}")
-        before, _, rest = text.partition(begin)
-        shown, _, after = rest.partition(end)
         if not BLOCKS[name].times:
-            shown = "\n".join([*entry["lines"], ""])
-        elif complaints := differences(entry["lines"], without_times(shown.strip().splitlines())):
+            text = replaced(text, name, "\n".join(entry["lines"]))
+        elif complaints := differences(entry["lines"], without_times(marked(text, name).strip().splitlines())):
             raise ValueError(f"{page}, {name}: {'; '.join(complaints)}")
-        text = f"{before}{begin}{shown}{end}{after}"
     return text
 
 

@@ -2,13 +2,15 @@
 
     python -m tools.levels_table FILE...
 
-The levels of a task are in the order of its card; a share of successes has its 95 % interval.
+stores the shares of success in ``tools/data/levels.json``, in place of those of the same levels, and writes the tables;
+without a file it writes the tables only. The levels of a task are in the order of what its best planner reaches, then
+the second best, and so on.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,60 +18,100 @@ from typing import Any
 import tyro
 
 import envs
-from planners.files import write_text
+from agents.evaluation.benchmark_config import configure
+from agents.policies.lookup import is_shipped
+from planners.files import write_json, write_text
+from tools.site.marks import replaced
 
+STORED = Path(__file__).parent / "data" / "levels.json"
 PAGE = Path(__file__).parent.parent / "docs" / "benchmark" / "levels.md"
-MARKS = "<!-- levels -->\n", "<!-- end of levels -->"
+MARK = "levels"
+
+Scores = Mapping[str, Mapping[str, Any]]
+"""Of each level by its title: ``versions``, and for each policy ``success`` with its interval and ``mode``."""
 
 
 @dataclass(frozen=True)
 class LevelsOptions:
-    """Write the tables of the levels to their page."""
+    """Store shares of success, and write the tables of the levels to their page."""
 
-    files: tyro.conf.Positional[tuple[Path, ...]]
-    """What planarm benchmark --config levels --json has written; a task counts where it is last."""
+    files: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """What planarm benchmark --config levels --json has written; a level counts where it is last."""
 
 
-def tables(documents: list[dict[str, Any]]) -> Iterator[str]:
+def load() -> dict[str, Any]:
+    """What is stored."""
+    stored: dict[str, Any] = json.loads(STORED.read_text(encoding="utf-8")) if STORED.exists() else {}
+    return stored
+
+
+def scores(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What is stored of the results of a benchmark: shares of success, and the control mode where it is no default."""
+    return {
+        result["task"]: {
+            "versions": document["versions"],
+            "policies": {
+                each["policy"]: {
+                    "success": each["summary"]["success"],
+                    "mode": each["action_config"].get("control_mode", ""),
+                }
+                for each in result["policies"]
+            },
+        }
+        for result in document["results"]
+    }
+
+
+def tables(stored: Scores) -> Iterator[str]:
     """Lines of a Markdown table for each task: levels by policies."""
-    results = {result["task"]: result for document in documents for result in document["results"]}
     for env_id in envs.env_ids():
-        rows = {name: results.get(f"{env_id}/{name}") for name in envs.task_card(env_id).levels}
-        scored = {name: result for name, result in rows.items() if result is not None}
-        if not scored:
+        levels = envs.task_card(env_id).levels
+        rows = {name: stored[f"{env_id}/{name}"]["policies"] for name in levels if f"{env_id}/{name}" in stored}
+        if not rows:
             continue
-        policies = list(dict.fromkeys(each["policy"] for result in scored.values() for each in result["policies"]))
-        yield from (
-            "",
-            f"### {env_id}",
-            "",
-            f"| level | | {' | '.join(policies)} |",
-            "|---" * (2 + len(policies)) + "|",
-        )
-        for name, result in scored.items():
-            shares = {each["policy"]: each["summary"]["success"] for each in result["policies"]}
-            cells = [_share(shares[policy]) if policy in shares else "" for policy in policies]
-            yield f"| `{name}` | {envs.task_card(env_id).levels[name].meaning} | {' | '.join(cells)} |"
+        policies = [policy for policy in _policies(env_id) if any(policy in row for row in rows.values())]
+        modes = {policy: {row[policy]["mode"] for row in rows.values() if policy in row} for policy in policies}
+        heads = [f"{policy} ({mode})" if (mode := _only(modes[policy])) else policy for policy in policies]
+        yield from ("", f"### {env_id}", "", f"| level | | {' | '.join(heads)} |", "|---" * (2 + len(policies)) + "|")
+        for name in sorted(rows, key=lambda name: _reached(rows[name]), reverse=True):
+            cells = [_cell(rows[name].get(policy), _only(modes[policy])) for policy in policies]
+            yield f"| `{name}` | {levels[name].meaning} | {' | '.join(cells)} |"
 
 
-def _share(estimate: dict[str, float]) -> str:
-    """A share of successes in percent, with its interval."""
-    return f"{100.0 * estimate['value']:.0f} ({100.0 * estimate['low']:.0f}-{100.0 * estimate['high']:.0f})"
+def _policies(env_id: str) -> Iterable[str]:
+    """Policies that the configuration has on the levels of a task, in its order."""
+    config = configure("levels", {})
+    return dict.fromkeys(
+        policy for task in config.tasks if task.env == env_id for policy in task.policies or config.policies
+    )
 
 
-def updated(text: str, documents: list[dict[str, Any]]) -> str:
-    """The page with the tables between its marks; a ValueError if it has none."""
-    before, begin, rest = text.partition(MARKS[0])
-    _, end, after = rest.partition(MARKS[1])
-    if not (begin and end):
-        raise ValueError(f"{PAGE} lacks the marks {' and '.join(mark.strip() for mark in MARKS)}")
-    return before + begin + "\n".join(tables(documents)).strip() + "\n" + end + after
+def _only(modes: set[str]) -> str:
+    """The control mode that a policy has on every level; empty if it has none, or several."""
+    return next(iter(modes)) if len(modes) == 1 else ""
+
+
+def _reached(row: Mapping[str, Any]) -> list[float]:
+    """Shares of success of the planners at a level, the best first."""
+    return sorted((each["success"]["value"] for name, each in row.items() if not is_shipped(name)), reverse=True)
+
+
+def _cell(scored: Mapping[str, Any] | None, usual: str) -> str:
+    """A share of successes in percent, with its interval, and the control mode if it is not the usual one."""
+    if scored is None:
+        return ""
+    share, low, high = (f"{100.0 * scored['success'][name]:.0f}" for name in ("value", "low", "high"))
+    return f"{share} ({low}-{high})" + (f", {scored['mode']}" if scored["mode"] != usual else "")
 
 
 def main(options: LevelsOptions) -> int:
-    """Read, and write the page; the exit code."""
-    documents = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
-    write_text(PAGE, updated(PAGE.read_text(encoding="utf-8"), documents))
+    """Read, store, and write the page; the exit code."""
+    stored = load()
+    for path in options.files:
+        stored |= scores(json.loads(path.read_text(encoding="utf-8")))
+    known = [f"{env_id}/{name}" for env_id in envs.env_ids() for name in envs.task_card(env_id).levels]
+    write_json(STORED, {title: stored[title] for title in known if title in stored})
+    write_text(PAGE, replaced(PAGE.read_text(encoding="utf-8"), MARK, "\n".join(tables(load()))))
     return 0
 
 

@@ -89,7 +89,13 @@ class Benchmark:
                 each if isinstance(policy, str) and policy == name else replace(each, name=name)
                 for name, policy, each in zip(names, policies, found, strict=True)
             ]
-        return self._named[key]
+        modes = task.control_modes
+        return [
+            replace(each, action_config={"control_mode": modes[each.name]})
+            if each.is_expert and each.name in modes
+            else each
+            for each in self._named[key]
+        ]
 
     def check(self) -> None:
         """Make every environment and policy once, so that errors come before the first episode.

@@ -41,6 +41,7 @@ class BenchmarkTask(Settings):
         env_config: settings of the environment.
         options: of each reset.
         policies: those of this task, if not those of the benchmark.
+        control_modes: in which experts act, by name, where that is not the mode of ``env_config``.
         episodes: number of episodes, if not that of the benchmark.
         bound_episodes: number of episodes whose bound is computed, if not that of the benchmark.
         published: a figure from a paper, for its own row.
@@ -52,6 +53,7 @@ class BenchmarkTask(Settings):
     env_config: dict[str, Any] = Field(default_factory=dict)
     options: dict[str, Any] = Field(default_factory=dict)
     policies: tuple[str, ...] | None = Field(None, min_length=1)
+    control_modes: dict[str, str] = Field(default_factory=dict)
     episodes: int | None = Field(None, ge=1, le=MOST_EPISODES)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
@@ -77,6 +79,19 @@ class BenchmarkTask(Settings):
         own = given.get("env_config", {}), given.get("options", {})
         settings, options = envs.task_card(import_env(given["env"])).at_level(given["level"], *own)
         return {**given, "env_config": settings, "options": options}
+
+    @model_validator(mode="after")
+    def _one_mode(self) -> Self:
+        """Control modes of experts that there are, and of no policy two."""
+        if not self.control_modes:
+            return self
+        refuse_unknown(self.control_modes, expert_names(self.env), f"{self.env} expert")
+        if "control_mode" in self.env_config:
+            raise ValueError(
+                f"control_mode {self.env_config['control_mode']!r} for every policy contradicts control_modes "
+                f"{self.control_modes}; give one of them"
+            )
+        return self
 
     @property
     def title(self) -> str:
@@ -160,6 +175,7 @@ def configure(
             its level. ``policies`` are those of every task, without experts that other tasks alone have.
         tasks: titles of tasks of the configuration, to run these alone; the id of an environment stands for all of its
             tasks there where none has that title, and for the environment itself where there are none.
+            A ``control_mode`` in ``env_config`` is that of every policy, also where the configuration has others.
         full: whether to run all of it, and not its quick part.
 
     Raises:
@@ -173,7 +189,8 @@ def configure(
         chosen = [BenchmarkTask.parse({**dict(task), "level": level, "name": ""}, "task") for task in chosen]
     for name in ("env_config", "options"):
         more = changes.pop(name, {})
-        chosen = [task.model_copy(update={name: {**getattr(task, name), **more}}) for task in chosen]
+        own_modes: dict[str, Any] = {"control_modes": {}} if "control_mode" in more else {}
+        chosen = [task.model_copy(update={name: {**getattr(task, name), **more}, **own_modes}) for task in chosen]
     policies = changes.get("policies")
     if policies is not None:
         own = [(task, _without_other_experts(policies, task.env)) for task in chosen]

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+import agents
 import envs
 from agents.commands.train import TrainOptions
 from agents.evaluation.benchmark_config import BenchmarkTask, configure
@@ -41,3 +45,27 @@ def test_the_id_of_an_environment_stands_for_all_of_its_levels() -> None:
     ]
     (plain,) = configure("benchmark", {}, ["MinTorqueMove-v0"]).tasks  # a title comes first
     assert plain.title == "MinTorqueMove-v0"
+
+
+def test_experts_act_in_the_control_modes_of_a_task_unless_another_is_given(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(
+        "{episodes: 2, bound_episodes: 0, policies: [follower, random, agent], tasks: "
+        "[{env: ConveyorTrack-v0, control_modes: {follower: acceleration}}]}"
+    )
+    (result,) = agents.leaderboard(config=str(file)).results
+    assert result.action_configs["follower"] == {"control_mode": "acceleration"}
+    assert set(result.action_configs) == {"follower", "agent"}
+    alone = agents.evaluate("follower", "ConveyorTrack-v0", range(2), env_config={"control_mode": "acceleration"})
+    assert np.array_equal(result.evaluations[0].returns, alone.returns)
+    (task,) = configure(str(file), {"env_config": {"control_mode": "jerk"}}).tasks
+    assert (task.control_modes, task.env_config) == ({}, {"control_mode": "jerk"})
+
+
+def test_control_modes_of_no_expert_and_two_modes_of_one_are_refused() -> None:
+    task = {"env": "ConveyorTrack-v0", "control_modes": {"dptc": "jerk"}}
+    with pytest.raises(ValueError, match='unknown ConveyorTrack-v0 expert "dptc"; did you mean "dpct"'):
+        BenchmarkTask.parse(task, "task")
+    both = {**task, "control_modes": {"dpct": "jerk"}, "env_config": {"control_mode": "torque"}}
+    with pytest.raises(ValueError, match=r"control_mode 'torque' for every policy contradicts control_modes"):
+        BenchmarkTask.parse(both, "task")

@@ -23,7 +23,7 @@ class SiteOptions:
     pages: Path = ROOT / "docs"
     """Folder with the pages."""
     out: Path = ROOT / "site"
-    """Folder to write; what the next build can use again goes into one beside it."""
+    """Folder to write; what the next build can use again goes into OUT.cache and jupyter_execute beside it."""
     links: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Ask the network about every link to elsewhere instead."""
     serve: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False

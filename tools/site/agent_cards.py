@@ -17,6 +17,7 @@ from agents.policies.files import load_agent, save_agent, shipped_agents, shippe
 from agents.policies.lookup import SHIPPED
 from planners.files import write_text
 from tools.release_agent import TRAINED
+from tools.site.marks import replaced
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE, LEADERBOARD = "docs/agents/index.md", "docs/benchmark/leaderboard.md"
@@ -80,9 +81,7 @@ def main() -> int:
         name = env_id if variant is None else f"{env_id}.{variant}"
         document = {"summary": line} | {key: value for key, value in agent.document.items() if key != "summary"}
         save_agent(Agent(document, agent.tensors), TRAINED / f"{name}.safetensors")
-        page, count = re.subn(rf"(<!-- card of {re.escape(name)} -->\n).*?\n(?=<!-- end)", rf"\g<1>{line}\n", page)
-        if count != 1:
-            raise ValueError(f"{PAGE} lacks the marks of the card of {name}")
+        page = replaced(page, f"card of {name}", line)
     write_text(ROOT / PAGE, page)
     return 0
 

@@ -29,10 +29,11 @@ from agents.policies.agent import Agent
 from agents.policies.lookup import find_policy, is_shipped
 from agents.provenance import versions
 from planners.files import write_json, write_text
+from tools.site.marks import replaced
 
 STORED = Path(__file__).parent.parent / "data" / "held_out.json"
 PAGE = Path(__file__).parent.parent.parent / "docs" / "agents" / "harder.md"
-MARKS = "<!-- held out -->\n", "<!-- end of held out -->"
+MARK = "held out"
 CONFIG = configure("held_out", {})
 PART = 250
 """Episodes between two writes of the file."""
@@ -150,15 +151,6 @@ def tables(scores: Mapping[str, Mapping[str, Scored]]) -> Iterator[str]:
                 yield f"|{agent} - {other}|{gap.value:+.1f} ({gap.low:+.1f} to {gap.high:+.1f})|"
 
 
-def updated(text: str, scores: Mapping[str, Mapping[str, Scored]]) -> str:
-    """The page with the tables between its marks; a ValueError if it has none."""
-    before, begin, rest = text.partition(MARKS[0])
-    _, end, after = rest.partition(MARKS[1])
-    if not (begin and end):
-        raise ValueError(f"{PAGE} lacks the marks {' and '.join(mark.strip() for mark in MARKS)}")
-    return before + begin + "\n".join(tables(scores)).strip() + "\n" + end + after
-
-
 def main(options: HeldOutOptions) -> int:
     """Score, store and write; the exit code."""
     if options.task is not None:
@@ -166,7 +158,7 @@ def main(options: HeldOutOptions) -> int:
         left = list(options.policies or task.policies or CONFIG.policies)
         while left:
             left = [policy for policy in left if score_part(task, policy)]
-    write_text(PAGE, updated(PAGE.read_text(encoding="utf-8"), load()))
+    write_text(PAGE, replaced(PAGE.read_text(encoding="utf-8"), MARK, "\n".join(tables(load()))))
     return 0
 
 
