@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, ParamSpec
 
@@ -127,7 +128,7 @@ def variant(
             if not isinstance(problem, MotionProblem):
                 raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
             _require_taken(declared, problem)
-            with plain_interrupts():
+            with plain_interrupts(), _finite_arithmetic(declared):
                 trajectory = function(*args, **checked_options(function, kwargs))
             if promises and kwargs.get("checked", True):
                 require_within_limits(str(declared), trajectory)
@@ -257,6 +258,20 @@ def _require_taken(declared: Variant, problem: MotionProblem) -> None:
         able = [str(other) for other in _able(problem)]
         advice = f"{', '.join(able)} can" if able else "no variant can"
         raise ValueError(f"{declared} {objection}; {advice}")
+
+
+@contextmanager
+def _finite_arithmetic(declared: Variant) -> Iterator[None]:
+    """Refuse a problem whose numbers are so far apart that a planner of planarm divides by 0, or leaves the floats."""
+    if declared.planner not in OWN:
+        yield
+        return
+    try:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            yield
+    except ArithmeticError as error:
+        message = f"{declared} cannot compute with numbers that are so far apart ({error}); give a horizon, limits"
+        raise Infeasible("limits", f"{message} and a start velocity that fit each other and the arm") from error
 
 
 def _able(problem: MotionProblem) -> list[Variant]:

@@ -6,13 +6,16 @@ import difflib
 import math
 from collections.abc import Iterable
 from numbers import Real
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Sign = Literal["", "positive", "not negative"]
 _LEAST: dict[Sign, float] = {"": -math.inf, "positive": math.ulp(0.0), "not negative": 0.0}
+
+LARGEST = 1e100
+"""Largest magnitude of a number that describes an arm, a problem or an option: squares of larger ones may overflow."""
 
 
 def is_number(value: Any) -> bool:
@@ -36,19 +39,34 @@ def float_array(name: str, given: Any) -> NDArray[np.float64]:
     raise ValueError(f"{name} {given!r:.80} must be numbers, as in (0.4, 0.3)")
 
 
-def require_finite(name: str, value: float, unit: str = "", sign: Sign = "") -> None:
-    """Raise ValueError if a number is not finite or does not have the sign."""
+def require_finite(name: str, value: float, unit: str = "", sign: Sign = "", most: float = LARGEST) -> None:
+    """Raise ValueError if a number is not finite, is larger than ``most``, or does not have the sign."""
     if not is_number(value):
         raise ValueError(f"{name} {value!r:.80} must be a finite number")
-    if not (math.isfinite(value) and value >= _LEAST[sign]):
-        given, wanted = f"{value} {unit}".rstrip(), f"finite and {sign}" if sign else "finite"
-        raise ValueError(f"{name} {given} must be {wanted}")
+    if not _LEAST[sign] <= value <= most or value < -most:
+        _refuse(f"{name} {value} {unit}".rstrip(), sign, most if math.isfinite(value) else math.inf)
 
 
-def require_vector(name: str, values: tuple[float, ...], length: int) -> None:
-    """Raise ValueError if these are not so many finite numbers."""
+def require_all_finite(name: str, values: ArrayLike, sign: Sign = "", most: float = LARGEST) -> None:
+    """As `require_finite`, for each of several numbers."""
+    array = np.asarray(values, dtype=float)
+    if not ((array >= _LEAST[sign]) & (np.abs(array) <= most)).all():  # also for NaN
+        given = array if isinstance(values, np.ndarray) else brief(values)
+        _refuse(f"{name} {given}", sign, most if np.isfinite(array).all() else math.inf)
+
+
+def _refuse(given: str, sign: Sign, most: float) -> NoReturn:
+    wanted = f"finite and {sign}" if sign else "finite"
+    raise ValueError(
+        f"{given} must be {wanted}" + (f", at most {most:g}{'' if sign else ' in size'}" if math.isfinite(most) else "")
+    )
+
+
+def require_vector(name: str, values: tuple[float, ...], length: int, most: float = LARGEST) -> None:
+    """Raise ValueError if these are not so many finite numbers, none larger than ``most``."""
     if len(values) != length or not all(math.isfinite(value) for value in values):
         raise ValueError(f"{name} {brief(values)} must be {length} finite numbers")
+    require_all_finite(name, values, most=most)
 
 
 def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:

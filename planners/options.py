@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -10,7 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from planners.checks import is_number
+from planners.checks import LARGEST, is_number
 
 WORDS = {float: "a number", int: "an integer", bool: "True or False", type(None): "None"}
 
@@ -35,6 +36,8 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
     kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     for kind in kinds:
         if _fits(value, kind):
+            if kind in (float, int) and LARGEST < abs(value) < math.inf:
+                raise ValueError(f"option {name} {value} must be at most {LARGEST:g}")
             return kind(value) if kind in (float, int, bool) else value
     raise ValueError(f"option {name} {value!r:.80} must be {' or '.join(map(_said, kinds))}")
 

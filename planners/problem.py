@@ -9,12 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import float_array, require_finite
-from planners.robot.arm import Arm, JointLimits
+from planners.checks import float_array, require_all_finite, require_finite
+from planners.robot.arm import MOST, Arm, JointLimits
 from planners.typing import Array
-
-LARGEST = 1e100
-"""Largest number of a problem's vectors: squares of larger ones may not be finite."""
 
 
 class Infeasible(ValueError):
@@ -137,7 +134,7 @@ class MotionProblem:
                 object.__setattr__(self, name, default)
         _freeze(self, q=n, qd=n, qdd=n)
         require_finite("horizon", self.horizon, "s", "positive")
-        require_finite("payload mass", self.payload, "kg", "not negative")
+        require_finite("payload mass", self.payload, "kg", "not negative", MOST)
         object.__setattr__(self, "horizon", float(self.horizon))
         object.__setattr__(self, "payload", float(self.payload))
         object.__setattr__(self, "limits", self.joint_limits.for_joints(n))
@@ -187,9 +184,6 @@ def _freeze(instance: object, **lengths: int | None) -> None:
         if array.ndim != 1 or (length is not None and len(array) != length):
             wanted = "one dimension" if length is None else f"shape ({length},)"
             raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")
-        if not (np.abs(array) <= LARGEST).all():  # also for NaN
-            raise ValueError(
-                f"{name} {array} must be finite" + (f", at most {LARGEST:g}" if np.isfinite(array).all() else "")
-            )
+        require_all_finite(name, array)
         array.setflags(write=False)
         object.__setattr__(instance, name, array)

@@ -17,6 +17,9 @@ KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration", "jerk")
 RIDE_STEP, MOST_RIDE = 0.005, 4000
 """Sampling step after the rendezvous, s, unless that is more than so many."""
 
+LONGEST_RIDE = 1e6
+"""Longest time with the target in a motion, s: in a longer one the times before it would differ by rounding only."""
+
 
 class Motion(NamedTuple):
     """Samples of a motion along the line by exact kinematics and inverse dynamics, ``(samples, n)`` each, ``t`` 1D.
@@ -66,7 +69,11 @@ def joint_motion(line: Line, r: Array, v: Array, a: Array, j: Array) -> tuple[Ar
 
 
 def sample_ride(line: Line, begin: float, end: float) -> Motion:
-    """The motion with the target from ``begin`` to ``end`` (s, both included), cut where riding breaks a limit."""
+    """The motion with the target from ``begin`` to ``end`` (s, both included), cut where riding breaks a limit.
+
+    It lasts `LONGEST_RIDE` at most.
+    """
+    end = min(end, begin + LONGEST_RIDE)
     steps = min(math.ceil((end - begin) / RIDE_STEP), MOST_RIDE)
     t = np.linspace(begin, end, steps + 1)
     motion = Motion(t, *joint_motion(line, *line.target_at(t), np.zeros_like(t)))

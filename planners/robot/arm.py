@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -10,14 +9,14 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import Sign, brief, float_array, is_number, require_finite, require_vector
+from planners.checks import Sign, brief, float_array, is_number, require_all_finite, require_finite, require_vector
 from planners.robot import clearance, dynamics, kinematics, redundant
 from planners.robot.limits import EveryJoint
 from planners.robot.limits import JointLimits as JointLimits
 from planners.typing import Array
 
 MOST = 1e9
-"""Largest length (m), mass (kg) or moment of inertia (kg m^2) of a link: squares and products of them stay finite."""
+"""Largest length (m), mass (kg), moment of inertia (kg m^2) or gravity of an arm: products of them stay finite."""
 
 LONGEST_NAME = 200
 """Largest number of characters of an arm's name, which stands in messages."""
@@ -90,9 +89,9 @@ class Arm:
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
-        require_finite(f"{name}: gravity", self.gravity, "m/s^2")
-        require_vector(f"{name}: base", self.base, 2)
-        require_finite(f"{name}: link_radius", self.link_radius, "m", "not negative")
+        require_finite(f"{name}: gravity", self.gravity, "m/s^2", most=MOST)
+        require_vector(f"{name}: base", self.base, 2, MOST)
+        require_finite(f"{name}: link_radius", self.link_radius, "m", "not negative", MOST)
 
     def __reduce__(self) -> tuple[object, ...]:
         return Arm, tuple(getattr(self, spec.name) for spec in fields(self))
@@ -127,7 +126,7 @@ class Arm:
 
     def with_payload(self, mass: float) -> Arm:
         """The same arm holding a point mass (kg) at its hand; ValueError if it is negative or not finite."""
-        require_finite("payload mass", mass, "kg", "not negative")
+        require_finite("payload mass", mass, "kg", "not negative", MOST)
         if mass == 0.0:
             return self
         link, com, length = self.masses[-1], self.coms[-1], self.lengths[-1]
@@ -283,10 +282,7 @@ def _per_link(name: str, given: dict[str, ArrayLike], limits: JointLimits | None
                 f"{name}: {len(values)} {kind} for {n} links; give one per link, or a number that holds for every link"
             )
         sign: Sign = "not negative" if kind in ("coms", "inertias") else "positive"
-        if not all(math.isfinite(value) and (value > 0.0 or (value == 0.0 and sign != "positive")) for value in values):
-            raise ValueError(f"{name}: {kind} {brief(values)} must be finite and {sign}")
-        if max(values) > MOST:
-            raise ValueError(f"{name}: {kind} {brief(values)} must be at most {MOST:g}")
+        require_all_finite(f"{name}: {kind}", values, sign, MOST)
     return links
 
 

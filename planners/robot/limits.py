@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.checks import brief, is_number, refuse_unknown
+from planners.checks import LARGEST, brief, is_number, refuse_unknown, require_all_finite
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -176,6 +176,8 @@ def _limit(kind: LimitKind, item: Any, items: tuple[Any, ...]) -> Range:
     if is_number(item):
         if not float(item) > 0.0:
             raise ValueError(f"{kind} limits {shown} must be positive; use inf for no limit. {_how(kind)}")
+        if LARGEST < float(item) < math.inf:
+            raise ValueError(f"{kind} limits {shown} must be at most {LARGEST:g} {UNITS[kind]}; use inf for no limit")
         return float(item)
     if kind != "angle" or isinstance(item, str) or not isinstance(item, Iterable):
         raise ValueError(f"{kind} limits {shown}: {brief(item)} is no number; {_how(kind)}")
@@ -190,6 +192,7 @@ def _limit(kind: LimitKind, item: Any, items: tuple[Any, ...]) -> Range:
             f"angle limits: ({lower}, {upper}) rad must be two finite numbers, the lower end first; "
             "use inf for a joint without a range"
         )
+    require_all_finite("angle limits:", pair)
     return upper if lower == -upper else (lower, upper)
 
 

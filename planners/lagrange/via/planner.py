@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
-from planners.checks import require_choice
+from planners.checks import LARGEST, require_choice
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.candidates import (
     DURATIONS,
@@ -165,7 +165,7 @@ def _enough(
         return trajectory
 
     longest = MOST_HORIZONS * max(soonest, problem.horizon)
-    trajectory = found(longest)
+    trajectory = found(longest) if longest <= LARGEST else None
     if trajectory is None:
         return None
     horizons = (factor * max(trajectory.duration, problem.horizon) for factor in LONGER)
