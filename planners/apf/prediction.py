@@ -34,6 +34,13 @@ PERIOD = 0.02
 """Default control period, s."""
 
 MOST_PERIODS = 100_000
+"""Largest number of control periods for a target in joint angles; for the hand fewer, see `_most_periods`."""
+
+STALLED = 500
+"""Control periods at rest away from a fixed place of the hand, with no disc coming, after which the field is stuck."""
+
+TOGETHER = 100
+"""Control periods that are checked together for contact with a disc."""
 
 TORQUE_SHARE = 0.99
 """Share of the torque limits that a field is given: the torque varies within a period."""
@@ -70,7 +77,8 @@ def plan_field(
 
     Raises:
         Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time,
-            ``limits`` if the field exceeds a limit, or there are more than 100 000 periods.
+            ``local_minimum`` if the arm comes to rest before a fixed place of the hand with no disc coming, ``limits``
+            if the field exceeds a limit, or there are more than 100 000 periods, for the hand 50 000 or fewer.
         ValueError: if an option is out of range.
     """
     require_finite("period", period, "s", "positive")
@@ -79,18 +87,19 @@ def plan_field(
     target = problem.target
     steps = max(1, math.ceil(problem.horizon / period - 1e-6))
     period = min(period, problem.horizon / steps)
-    if steps > MOST_PERIODS and not isinstance(target, FixedHand):
+    most = _most_periods(problem)
+    if steps > most and not isinstance(target, FixedHand):
         raise Infeasible(
             "limits",
-            f"a horizon of {problem.horizon:.4g} s has {steps} periods of {period:.4g} s, more than {MOST_PERIODS}; "
-            "give a shorter horizon or a longer period",
+            f"a horizon of {problem.horizon:.4g} s has {steps} periods of {period:.4g} s, more than {most}; give a "
+            f"shorter horizon or a longer period, {1.001 * problem.horizon / most:.4g} s",
         )
     field = _field(problem, period, tolerance, hold_time)
     smooth = bool(np.isfinite(problem.joint_limits.jerk).any())
     q, qd, qdd = (array[None].copy() for array in problem.start)
-    states, accelerations = [np.stack([q[0], qd[0]])], [qdd[0]]
-    since = 0 if _error(problem, 0.0, q) <= tolerance else None
-    for step in range(min(steps, MOST_PERIODS)):
+    states, accelerations, checked = [np.concatenate([q, qd])], [qdd[0]], 1
+    since, resting = 0 if _error(problem, 0.0, q) <= tolerance else None, 0
+    for step in range(min(steps, most)):
         last, t = qdd, step * period
         if smooth:
             ahead = q + period * (0.5 * qd + period / 12.0 * last), qd + 0.5 * period * last
@@ -99,21 +108,38 @@ def plan_field(
         else:
             qdd = field(t, q, qd, last)
             q, qd = q + period * (qd + 0.5 * period * qdd), qd + period * qdd
-        _require_slow(qd[0], step * period, period)
-        states.append(np.stack([q[0], qd[0]]))
+        if not (np.abs(qd) * period <= math.pi).all():
+            _require_clear(problem, states, period, checked)
+            raise _too_fast(qd[0], step * period, period)
+        states.append(np.concatenate([q, qd]))
         accelerations.append(qdd[0])
         t = (step + 1) * period
-        _require_clear(problem, t, q)
+        if problem.obstacles and len(states) - checked == TOGETHER:
+            _require_clear(problem, states, period, checked)
+            checked = len(states)
         if not _error(problem, t, q) <= tolerance:
             since = None
         elif since is None:
             since = step + 1
-        if isinstance(target, FixedHand) and since is not None and (step + 1 - since) * period >= hold_time:
-            break
+        if isinstance(target, FixedHand):
+            if since is not None and (step + 1 - since) * period >= hold_time:
+                break
+            resting = resting + 1 if since is None and not (qd.any() or qdd.any()) else 0
+            if resting >= STALLED and resting % STALLED == 0 and not _coming(problem, t):
+                _require_clear(problem, states, period, checked)
+                raise _stuck(problem, t, _error(problem, t, q))
+    _require_clear(problem, states, period, checked)
     if since is None:
         raise _late(problem, t, _error(problem, t, q))
     motion = _sampled(problem, np.array(states), np.array(accelerations), period, since * period, smooth)
     return _met(target, motion, tolerance) if isinstance(target, MovingHand) else motion
+
+
+def _most_periods(problem: MotionProblem) -> int:
+    """Control periods that are simulated in a few seconds."""
+    if isinstance(problem.target, FixedJoints):
+        return MOST_PERIODS
+    return MOST_PERIODS // (2 + (len(problem.obstacles) if isinstance(problem.target, FixedHand) else 0))
 
 
 def _field(problem: MotionProblem, period: float, tolerance: float, hold_time: float) -> Field:
@@ -166,25 +192,49 @@ def _error(problem: MotionProblem, t: float, q: Array) -> float:
     return float(np.hypot(*(problem.arm.forward_kinematics(q[0]) - place)))
 
 
-def _require_clear(problem: MotionProblem, t: float, q: Array) -> None:
-    for disc in problem.obstacles:
-        gap = float(problem.arm.clearance(q[0], disc.position + t * disc.velocity, disc.radius))
-        if not gap >= 0.0:
-            raise Infeasible("collision", f"after {t:.4g} s the arm touches an obstacle", time=t, clearance=gap)
+def _require_clear(problem: MotionProblem, states: list[Array], period: float, checked: int) -> None:
+    """Refuse a motion that touches an obstacle at one of its states from number ``checked`` on."""
+    if not problem.obstacles or checked == len(states):
+        return
+    t = period * np.arange(checked, len(states))
+    q = np.array(states[checked:])[:, 0]
+    gaps = [
+        problem.arm.clearance(q, disc.position + t[:, None] * disc.velocity, disc.radius) for disc in problem.obstacles
+    ]
+    clear = np.array(gaps) >= 0.0
+    if not clear.all():
+        first = int(np.argmin(clear.all(axis=0)))
+        gap = gaps[int(np.argmin(clear[:, first]))][first]
+        message = f"after {t[first]:.4g} s the arm touches an obstacle"
+        raise Infeasible("collision", message, time=float(t[first]), clearance=float(gap))
 
 
-def _require_slow(qd: Array, t: float, period: float) -> None:
-    """Refuse a motion that the field does not control any more: more than half a turn within a period."""
+def _too_fast(qd: Array, t: float, period: float) -> Infeasible:
+    """The refusal of a motion that the field does not control any more: more than half a turn within a period."""
     turn = period * np.abs(qd)
-    if not (turn <= math.pi).all():
-        joint = int(np.argmax(np.where(np.isnan(turn), math.inf, turn)))
-        message = f"joint {joint + 1} turns by {turn[joint]:.3g} rad in the period of {period:.4g} s from {t:.4g} s on"
-        raise Infeasible("limits", f"{message}; limit the velocities, or give a shorter period", joint=joint, time=t)
+    joint = int(np.argmax(np.where(np.isnan(turn), math.inf, turn)))
+    message = f"joint {joint + 1} turns by {turn[joint]:.3g} rad in the period of {period:.4g} s from {t:.4g} s on"
+    return Infeasible("limits", f"{message}; limit the velocities, or give a shorter period", joint=joint, time=t)
 
 
 def _late(problem: MotionProblem, t: float, error: float) -> Infeasible:
     unit = "rad" if isinstance(problem.target, FixedJoints) else "m"
     return Infeasible("late", f"after {t:.4g} s the field is still {error:.3g} {unit} from the target", error=error)
+
+
+def _coming(problem: MotionProblem, t: float) -> bool:
+    """Whether a disc moves within twice the arm's reach at time ``t``, or towards the arm."""
+    for disc in problem.obstacles:
+        away = disc.position + t * disc.velocity - problem.arm.base_array
+        near = np.hypot(*away) < 2.0 * problem.arm.reach + disc.radius
+        if disc.velocity.any() and (near or away @ disc.velocity < 0.0):
+            return True
+    return False
+
+
+def _stuck(problem: MotionProblem, t: float, error: float) -> Infeasible:
+    message = f"after {t:.4g} s the arm rests {error:.3g} m from the target, where attraction and repulsion cancel"
+    return Infeasible("local_minimum", f"{message}; try another planner, or another start", error=error, time=t)
 
 
 def _met(target: MovingHand, motion: Trajectory, tolerance: float) -> Trajectory:

@@ -83,6 +83,45 @@ def test_where_it_does_not_lead_there_it_says_why() -> None:
         apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 3.0), period=0.0)
 
 
+def test_a_field_that_is_stuck_is_given_up_and_not_simulated_to_the_horizon() -> None:
+    on_goal = Obstacle(GOAL.position, np.zeros(2), 0.1)
+    with pytest.raises(Infeasible, match=r"local_minimum: after .* the arm rests 1\.42 m") as caught:
+        apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 1e6, obstacles=(on_goal,)))
+    assert 10.0 < caught.value.details["time"] < 60.0  # type: ignore[operator]
+
+
+def test_a_field_waits_for_a_disc_that_comes() -> None:
+    """The goal is free once the disc has passed, after more periods at rest than a field gets without a disc."""
+    passing = Obstacle(GOAL.position - [0.0, 0.1], np.array([0.0, 0.012]), 0.12)
+    motion = apf.plan(MotionProblem(SCARA_50CM, START, GOAL, 200.0, obstacles=(passing,)), period=0.02)
+    assert motion.rendezvous_time > 12.0
+    assert motion.clearance >= 0.0
+
+
+def test_more_periods_than_are_simulated_are_refused_with_a_period_that_is_long_enough() -> None:
+    belt = MovingHand([0.3, 0.5], [1e-5, 0.0])
+    problem = MotionProblem(SCARA_50CM, START, belt, 4000.0)
+    with pytest.raises(
+        Infeasible, match=r"200000 periods of 0\.02 s, more than 50000; .* longer period, 0\.08008 s"
+    ) as caught:
+        apf.plan(problem)
+    assert caught.value.reason == "limits"
+
+
+def test_the_first_contact_of_a_motion_is_the_one_that_is_named() -> None:
+    """Contact is looked for in many periods together, and told apart by its time."""
+    slow = Obstacle(np.array([1.5, 0.05]), np.array([-0.4, 0.0]), 0.1)
+    later = Obstacle(np.array([3.0, 0.05]), np.array([-0.4, 0.0]), 0.1)
+    still = MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints([0.0, 0.1]), 20.0)
+    times = []
+    for discs in ((slow,), (later, slow)):
+        with pytest.raises(Infeasible, match="collision: after") as caught:
+            apf.plan(replace(still, obstacles=discs))
+        times.append(caught.value.details["time"])
+    assert times[0] == times[1]
+    assert times[0] < 5.0  # type: ignore[operator]
+
+
 INDUSTRIAL = Arm(
     "three",
     (0.4, 0.3, 0.12),
