@@ -78,13 +78,15 @@ def check_seed(seed: int) -> int:
     return seed
 
 
-def make_batch(env_id: str, num_envs: int, settings: Mapping[str, Any]) -> VectorEnv:
-    """A vector environment that resets in the step that ends an episode; a ValueError for unknown settings.
+def make_batch(env_id: str, num_envs: int, settings: Mapping[str, Any], *, resets: bool = True) -> VectorEnv:
+    """A vector environment that resets in the step that ends an episode, or not by itself; a ValueError for unknown
+    settings.
 
     An environment that is no task of planarm's kind resets as it does by itself.
     """
     check_names(env_id, settings, {})
-    mode: dict[str, Any] = {} if task_type(env_id) is None else {"autoreset_mode": AutoresetMode.SAME_STEP}
+    own = AutoresetMode.SAME_STEP if resets else AutoresetMode.DISABLED
+    mode: dict[str, Any] = {} if task_type(env_id) is None else {"autoreset_mode": own}
     return gym.make_vec(env_id, num_envs=num_envs, **mode, **settings)
 
 

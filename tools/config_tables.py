@@ -17,6 +17,7 @@ from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, P
 from agents.training.recipe import (
     Amortisation,
     Demonstrations,
+    Forecasts,
     OffPolicyConfig,
     PPOConfig,
     SACConfig,
@@ -38,6 +39,7 @@ def documented() -> dict[str, type[Settings]]:
         PPOConfig,
         WarmStart,
         Amortisation,
+        Forecasts,
         OffPolicyConfig,
         Demonstrations,
         SACConfig,

@@ -46,7 +46,8 @@ class TrainOptions:
     changes: tyro.conf.Positional[tuple[str, ...]] = ()
     """key=value for each setting to change; dots lead into nested ones, values are YAML."""
     level: str | None = None
-    """Difficulty level of the environment, from the task's card; one that is made of settings, not of reset options."""
+    """Difficulty level of the environment, from the task's card, in place of those of the configuration; for several,
+    levels=[two_discs,fast]."""
     seed: int | None = None
     """Seed of all random number generators of the run."""
     total_steps: int | None = None
@@ -69,11 +70,9 @@ class TrainOptions:
             return config
         settings, options = envs.task_card(config.env_id).at_level(self.level, {}, {})
         if options:
-            raise ValueError(
-                f"level {self.level} is made of reset options, {options}, which a training run does not take; "
-                "choose one that is made of settings"
-            )
-        return config.overridden([f"env_config.{name}={json.dumps(value)}" for name, value in settings.items()])
+            return config.overridden([f"levels=[{self.level}]"])
+        changes = [f"env_config.{name}={json.dumps(value)}" for name, value in settings.items()]
+        return config.overridden([*changes, "levels=[]"])
 
     def make_run(self) -> TrainingRun:
         """The run to continue, or a new one."""

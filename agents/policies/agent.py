@@ -88,8 +88,13 @@ class Agent:
         return self.document.get("format") in (FORMAT + NORMALIZED, SQUASHED_FORMAT + NORMALIZED)
 
     @property
+    def forecasts(self) -> bool:
+        """Whether its outputs are forecasts of discs, on which an expert acts; see `for_env`."""
+        return bool(self.document.get("forecasts"))
+
+    @property
     def observation_size(self) -> int:
-        """Number of elements of an observation."""
+        """Number of inputs of its network: elements of an observation, unless it forecasts."""
         return int(self.tensors["layer0.weight"].shape[1] - self.tensors["fine.index"].size)
 
     def predict(
@@ -111,13 +116,37 @@ class Agent:
             Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and None.
 
         Raises:
-            ValueError: if the observation has the wrong size.
+            ValueError: if the observation has the wrong size, or this agent forecasts.
         """
+        if self.forecasts:
+            raise ValueError(
+                "this agent forecasts where discs will be, for the expert apf of an environment: agent.for_env(env) "
+                "gives the policy there"
+            )
         batch = np.atleast_2d(np.asarray(observation, dtype=np.float32))
         if batch.shape[1] != self.observation_size:
             raise ValueError(
                 f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
             )
+        bounded = self.network_actions(batch, deterministic=deterministic)
+        return (bounded[0] if np.ndim(observation) == 1 else bounded), None
+
+    def for_env(self, env: Any) -> Any:
+        """The policy in an environment, single or vector: this agent, or the expert that acts on its forecasts.
+
+        Raises:
+            ValueError: if the environment is none that it was trained for.
+        """
+        self.check_env(env)
+        if not self.forecasts:
+            return self
+        from envs.obstacle_dodge.forecasts import ForecastingExpert
+
+        return ForecastingExpert(env.unwrapped.task, self.network_actions)
+
+    def network_actions(self, inputs: NDArray[np.float32], *, deterministic: bool = True) -> Actions:
+        """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1]."""
+        batch = inputs
         if self._normal:
             mean, std, clip = self._normal
             batch = np.clip((batch - mean) / std, -clip, clip).astype(np.float32)
@@ -128,7 +157,7 @@ class Agent:
         if log_std is not None:
             actions += np.exp(log_std) * self.generator.standard_normal(actions.shape, dtype=np.float32)
         bounded: Actions = np.clip(tanh(actions) if self.squashed else actions, np.float32(-1.0), np.float32(1.0))
-        return (bounded[0] if np.ndim(observation) == 1 else bounded), None
+        return bounded
 
     def _log_std(self, own: NDArray[np.float32]) -> NDArray[np.float32] | None:
         """Logarithm of the standard deviation of the actions; None for no noise.

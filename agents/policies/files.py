@@ -19,6 +19,7 @@ import envs
 from agents.environments import check_names, portable
 from agents.policies.agent import FORMATS, Agent
 from envs.observation import Layout
+from envs.obstacle_dodge.forecasts import INPUTS as FORECAST_INPUTS
 from envs.settings import refuse_unknown
 from planners.checks import brief
 from planners.documents import read_document
@@ -83,10 +84,9 @@ def load_agent(source: str | Path, variant: str | None = None) -> Agent:
     except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     _check_layout(path, document, layout)
-    if agent.observation_size != layout.size:
-        raise ValueError(
-            f"{path} takes observations of {agent.observation_size} elements; {agent.env_id} gives {layout.size}"
-        )
+    size = FORECAST_INPUTS if agent.forecasts else layout.size
+    if agent.observation_size != size:
+        raise ValueError(f"{path} takes observations of {agent.observation_size} elements; {agent.env_id} gives {size}")
     return agent
 
 

@@ -67,6 +67,14 @@ class ChecksEnvironment(Protocol):
         """Raise a ValueError for an environment, single or vector, in which it cannot act."""
 
 
+@runtime_checkable
+class FitsEnvironment(Protocol):
+    """A policy that acts in an environment through another one, which it makes for it."""
+
+    def for_env(self, env: Any) -> Any:
+        """The policy for an environment, single or vector."""
+
+
 def is_maker(policy: object) -> bool:
     """Whether this is no policy, but makes one when called: a class, or a function without ``predict``."""
     return isinstance(policy, type) or (not isinstance(policy, Policy) and callable(policy))
@@ -93,7 +101,8 @@ def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, 
     _check_spaces(made, env)
     if isinstance(made, ChecksEnvironment):
         made.check_env(env)
-    return made
+    fitted: Policy = made.for_env(env) if isinstance(made, FitsEnvironment) else made
+    return fitted
 
 
 class Actor:

@@ -19,7 +19,7 @@ from agents.provenance import versions
 from agents.training.algorithms.segmented import Segmented
 from agents.training.folder import RL_DISTRIBUTIONS
 from agents.training.learning_curves import Row, merit
-from agents.training.recipe import OffPolicyConfig
+from agents.training.recipe import OffPolicyConfig, PPOConfig
 from agents.training.replay import load_replay, save_replay
 from agents.training.state_file import State, damaged, read_state, write_state
 from planners.files import whole_file, write_text
@@ -47,6 +47,7 @@ def make_agent(model: Segmented, seconds: float, scores: dict[str, float] | None
         **describe_layout(layout_of(config.env_id, config.env_config)),
         "activation": config.activation,
         "hidden": list(config.hidden),
+        **({"forecasts": "apf"} if isinstance(config, PPOConfig) and config.forecasts else {}),
         "training": {
             "config": config.model_dump(mode="json"),
             "seed": config.seed,

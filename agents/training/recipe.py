@@ -8,12 +8,14 @@ from typing import Annotated, Any, ClassVar, Literal, Self, cast
 from pydantic import Field, model_validator
 
 from agents.yaml_config import assigned
+from envs.card import task_card
 from envs.settings import Settings, refuse_unknown
 
 Device = Literal["auto", "cpu", "cuda"]
 Width = Annotated[int, Field(ge=1, le=16_384)]  # of a layer
 Threads = Annotated[int, Field(ge=1, le=256)]
 
+DEFAULT_LEVEL = "default"  # the settings as they are, among levels
 EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
 
 
@@ -84,6 +86,24 @@ class Amortisation(Settings):
     learning_rate: float = Field(1e-3, gt=0.0)
 
 
+class Forecasts(Settings):
+    """Fit of forecasts to the paths of discs: see :mod:`agents.training.warm_start.forecasts`.
+
+    Attributes:
+        episodes: whose paths are taken, divided among the levels.
+        samples: instants of each episode.
+        updates: gradient steps.
+        batch_size: samples of a gradient step.
+        learning_rate: at the start; it falls linearly to a hundredth.
+    """
+
+    episodes: int = Field(40_000, ge=1)
+    samples: int = Field(10, ge=1)
+    updates: int = Field(15_000, ge=1)
+    batch_size: int = Field(1024, ge=2)
+    learning_rate: float = Field(2e-3, gt=0.0)
+
+
 class Demonstrations(Teacher):
     """Episodes of an expert or a dataset for a replay buffer.
 
@@ -104,6 +124,8 @@ class TrainingConfig(Settings):
         algorithm: of Stable-Baselines3.
         env: id of the environment; ``module:Name-v0`` imports the module first, which registers it.
         env_config: its settings.
+        levels: difficulty levels of the task's card among which environments and episodes of evaluations are divided,
+            with ``default`` for the settings as they are; these alone if left out.
         seed: of all random numbers.
         device: where the networks are trained; ``auto`` is cuda where PyTorch finds it, for large minibatches.
         threads: of PyTorch; ``auto`` is one for small minibatches or few processors, and for PPO as many as share its
@@ -127,6 +149,7 @@ class TrainingConfig(Settings):
     algorithm: Literal["ppo", "sac", "td3"] = "ppo"
     env: str
     env_config: dict[str, Any] = Field(default_factory=dict)
+    levels: tuple[str, ...] = ()
     seed: int = Field(0, ge=0, le=2**32 - 1)
     device: Device = "auto"
     threads: Literal["auto"] | Threads = "auto"
@@ -164,6 +187,25 @@ class TrainingConfig(Settings):
         return self.env.rpartition(":")[2]
 
     @property
+    def conditions(self) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+        """Settings of the environment and reset options at each level; one pair without levels."""
+        names = [None if name == DEFAULT_LEVEL else name for name in self.levels or (DEFAULT_LEVEL,)]
+        if names == [None]:
+            return [(dict(self.env_config), {})]
+        card = task_card(self.env_id)
+        return [card.at_level(name, self.env_config, {}) for name in names]
+
+    def check_levels(self) -> None:
+        """Raise a ValueError for levels that the task does not have, or more of them than environments."""
+        if len(self.conditions) > min(self.num_envs, self.evaluation_episodes):
+            raise ValueError(
+                f"{len(self.levels)} levels for {self.num_envs} environments and {self.evaluation_episodes} episodes "
+                "of an evaluation: each level needs one or more; raise num_envs and evaluation_episodes"
+            )
+        if len(self.conditions) > 1 and (getattr(self, "amortise", None) or getattr(self, "demonstrations", None)):
+            raise ValueError(f"levels {', '.join(self.levels)}: amortise and demonstrations take one level at most")
+
+    @property
     def teacher(self) -> WarmStart | Demonstrations | None:
         """What the run takes from an expert or a dataset before it trains, if anything."""
         return None
@@ -197,6 +239,8 @@ class PPOConfig(TrainingConfig):
         warm_start: DAgger with an expert, or cloning of a dataset, before PPO.
         amortise: fit to the cost of motions before PPO.
         whole_episodes: the policy acts once an episode; steps then count episodes.
+        forecasts: the policy forecasts a disc's path, and the expert apf acts on the forecast; steps then count
+            forecasts. It is fitted to paths before PPO.
     """
 
     title: ClassVar[str] = "PPO"
@@ -213,6 +257,16 @@ class PPOConfig(TrainingConfig):
     warm_start: WarmStart | None = None
     amortise: Amortisation | None = None
     whole_episodes: bool = False
+    forecasts: Forecasts | None = None
+
+    @model_validator(mode="after")
+    def _forecasts_alone(self) -> Self:
+        others = [name for name in ("warm_start", "amortise", "whole_episodes") if getattr(self, name)]
+        if self.forecasts is not None and (others or self.fine):
+            raise ValueError(
+                f"forecasts go without {', '.join(others or ['fine'])}: the network sees a disc, not an observation"
+            )
+        return self
 
     @property
     def teacher(self) -> WarmStart | Demonstrations | None:

@@ -20,11 +20,12 @@ from stable_baselines3.common.logger import configure
 
 import envs
 from agents.datasets.read import check_dataset
-from agents.environments import import_env, make_batch
+from agents.environments import import_env
 from agents.policies.files import layout_of, save_agent
 from agents.training import devices
 from agents.training.algorithms import make_model
 from agents.training.algorithms.segmented import Segmented, fine_elements
+from agents.training.batches import training_batch
 from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint
 from agents.training.folder import alone_in, check_files, check_origin, write_origin
 from agents.training.learning_curves import Row
@@ -35,8 +36,8 @@ from agents.training.seeding import env_seed, seed_everything
 from agents.training.vec_env import NativeVecEnv
 from agents.training.warm_start.amortise import amortise, check_motions
 from agents.training.warm_start.dagger import dagger
+from agents.training.warm_start.forecasts import check_forecasts, fit_forecasts
 from agents.training.warm_start.stage import Stage
-from agents.training.whole_episodes import WholeEpisodes
 from agents.yaml_config import load_config
 from envs.experts import expert_names
 from envs.settings import refuse_unknown
@@ -80,7 +81,11 @@ class TrainingRun:
         import_env(config.env)
         config = with_fingerprint(with_arm_document(devices.resolved(config)))
         devices.use(config)
-        fine_elements(config, layout_of(config.env_id, config.env_config))
+        layout = layout_of(config.env_id, config.env_config)
+        fine_elements(config, layout)
+        config.check_levels()
+        if isinstance(config, PPOConfig) and config.forecasts:
+            check_forecasts(config)
         refuse_unknown(config.baselines or (), expert_names(config.env_id), "expert")
         if isinstance(config, PPOConfig) and config.amortise:
             with closing(gym.make_vec(config.env_id, num_envs=1, **config.env_config)) as batch:
@@ -137,9 +142,7 @@ class TrainingRun:
         return True
 
     def _environments(self) -> NativeVecEnv:
-        config = self.config
-        batch = make_batch(config.env_id, config.num_envs, config.env_config)
-        return NativeVecEnv(WholeEpisodes(batch) if isinstance(config, PPOConfig) and config.whole_episodes else batch)
+        return NativeVecEnv(training_batch(self.config))
 
     def _warm_start(self, model: Segmented, env: NativeVecEnv, watcher: Watcher) -> bool:
         """Score the baselines, learn from an expert or a cost as configured, write the first checkpoint; as `_segment`.
@@ -153,7 +156,7 @@ class TrainingRun:
         if isinstance(config, PPOConfig):
             model.policy.to("cpu")
             with self._refusing_divergence(model):
-                for warm_start in (dagger, amortise):
+                for warm_start in (dagger, amortise, fit_forecasts):
                     if not warm_start(model.policy, config, first, stage):
                         return False
             model.policy.to(model.device)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.evaluate import evaluate
+from agents.evaluation.results import Evaluation
 from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.training.learning_curves import Row, merit
@@ -16,12 +17,17 @@ from envs.experts import expert_names
 
 
 def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
-    """Success rate, mean return and metrics of an agent, or of an expert in the environment's default control mode."""
-    seeds = EVALUATION_SEED + np.arange(config.evaluation_episodes)
-    settings = dict(config.env_config)
-    if isinstance(policy, str):
-        settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
-    return values_of(training_scores(evaluate(policy, config.env_id, seeds, env_config=settings)))
+    """Success rate, mean return and metrics of an agent, or of an expert in the environment's default control mode.
+
+    The episodes are divided among the levels of the recipe.
+    """
+    conditions, parts = config.conditions, []
+    for index, (settings, options) in enumerate(conditions):
+        seeds = EVALUATION_SEED + np.arange(index, config.evaluation_episodes, len(conditions))
+        if isinstance(policy, str):
+            settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
+        parts.append(evaluate(policy, config.env_id, seeds, env_config=settings, options=options))
+    return values_of(training_scores(Evaluation.joined(parts)))
 
 
 def score_baselines(

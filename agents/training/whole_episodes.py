@@ -36,18 +36,18 @@ class WholeEpisodes(VectorWrapper):
                 terminated |= ended & terminates
                 truncated |= ended & truncates
                 final = {name: infos[name] for name in ("final_obs", "final_info")}
-                last = _where(ended, final, last) if last else final
+                last = replaced_where(ended, final, last) if last else final
                 running &= ~ended
         observations, infos = self.env.reset()
         return observations, returns, terminated, truncated, {**infos, **last}
 
 
-def _where(where: NDArray[np.bool_], new: Info, old: Info) -> Info:
+def replaced_where(where: NDArray[np.bool_], new: Info, old: Info) -> Info:
     """Gymnasium's vector infos, with those of some environments replaced."""
     merged: Info = {}
     for name, values in new.items():
         if isinstance(values, dict):
-            merged[name] = _where(where, values, old.get(name, {}))
+            merged[name] = replaced_where(where, values, old.get(name, {}))
         elif name in old:
             chosen = where.reshape(-1, *[1] * (values.ndim - 1))
             merged[name] = np.where(chosen, values, old[name])

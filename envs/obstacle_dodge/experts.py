@@ -15,7 +15,7 @@ from envs.obstacle_dodge.env import ObstacleDodge
 from envs.obstacle_dodge.paths import NEAREST
 from envs.obstacle_dodge.scale import Scale, scale_of_task
 from planners import MotionProblem, Trajectory, dpct, lagrange
-from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains
+from planners.apf.dodge import DodgeGains, dodge_accelerations, look_ahead_steps, new_memory, tuned_gains
 from planners.typing import Array
 
 REPLAN_EVERY = 5
@@ -92,11 +92,30 @@ class DodgingExpert(Expert):
         self._discs = task.n_discs
         self._gains = gains or in_units(tuned_gains(self._discs), task.scale)
 
-    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, NDArray[Any]]:
+    @property
+    def steps(self) -> int:
+        """Number of steps of the look-ahead, `planners.apf.dodge.STEP` apart."""
+        return look_ahead_steps(self._gains)
+
+    def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
-        (batch, room), discs = seen["obstacle_radius"].shape, self._discs
-        memory = new_memory(batch, discs) if state is None or len(state) != batch else state.copy()
+        batch = len(observations)
+        memory = self._memory_of(batch) if state is None or len(state) != batch else state.copy()
         memory[starts | self._begins(seen)] = np.zeros(1, memory.dtype)
+        qdd, memory = self._accelerate(seen, memory)
+        return self._action_for(seen, qdd), memory
+
+    def _memory_of(self, batch: int) -> NDArray[Any]:
+        return new_memory(batch, self._discs)
+
+    def _accelerate(
+        self, seen: dict[str, Array], memory: NDArray[Any], forecast: Array | None = None
+    ) -> tuple[Array, NDArray[Any]]:
+        """Joint accelerations ``(num_envs, 2)`` of the field, and its memory, which is changed in place.
+
+        ``forecast`` says where the discs will be, ``(num_envs, steps, discs, 2)``, m from the base.
+        """
+        (batch, room), discs = seen["obstacle_radius"].shape, self._discs
         q, qd, base = seen["joint_position"], seen["joint_velocity"], self.task.arm.base_array
         places = seen["obstacle"].reshape(batch, room, 2)[:, :discs] + base
         rates = seen["obstacle_velocity"].reshape(batch, room, 2)[:, :discs]
@@ -115,7 +134,8 @@ class DodgingExpert(Expert):
                 seen["obstacle_radius"][rows, :discs],
                 part,
                 self.task.config.control_period,
+                forecast=None if forecast is None else forecast[rows] + base,
                 **self._rules,
             )
             memory[rows] = part
-        return self._action_for(seen, qdd), memory
+        return qdd, memory

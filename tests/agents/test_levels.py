@@ -32,8 +32,8 @@ def test_a_run_trains_at_a_level_of_settings() -> None:
     config = TrainOptions("ppo/MinTorqueMove-v0", level="uncertain").resolve()
     assert config.env_config["mass_error"] == [-0.1, 0.1]
     assert config.env_config["latency"] == [0.0, 0.005]
-    with pytest.raises(ValueError, match=r"level slow is made of reset options.*which a training run"):
-        TrainOptions("ppo/MinTorqueMove-v0", level="slow").resolve()
+    slow = TrainOptions("ppo/MinTorqueMove-v0", level="slow").resolve()
+    assert slow.conditions == [(slow.env_config, {"duration": 3.0})]
 
 
 def test_the_id_of_an_environment_stands_for_all_of_its_levels() -> None:

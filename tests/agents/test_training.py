@@ -216,6 +216,9 @@ def test_shipped_configs_give_the_same_weights_twice(name: str, tmp_path: Path) 
         changes += ["warm_start.episodes=4", "warm_start.rounds=2", "warm_start.updates=20"]
     if config.amortise is not None:
         changes += ["amortise.moves=1024", "amortise.updates=50"]
+    if config.forecasts is not None:
+        changes += ["forecasts.episodes=4", "forecasts.updates=50", "rollout_steps=50", "batch_size=100"]
+        changes += ["total_steps=800", "checkpoint_steps=400"]
     if config.whole_episodes:  # a step takes hundreds of control periods
         changes += ["rollout_steps=4", "batch_size=16", "total_steps=64", "checkpoint_steps=32"]
     for folder in ("one", "other"):
@@ -324,9 +327,10 @@ def test_discounted_returns() -> None:
 @pytest.mark.parametrize("name", [name for name in shipped_configs() if name.startswith("ppo/")])
 def test_shipped_configs_can_begin(name: str, tmp_path: Path) -> None:
     config = load_config(name, TrainingConfig)
-    assert config.env == name.removeprefix("ppo/")
+    assert name.removeprefix("ppo/").removesuffix("-forecasts") == config.env
     few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8"]
     few += ["baselines=[random]"]
+    few += ["forecasts.episodes=4", "forecasts.updates=2"] if config.forecasts else []
     assert main(["train", name, *few, "warm_start=null", "amortise=null", "--seed", "1", "--out", str(tmp_path)]) == 0
     assert load_agent(tmp_path).document["training"]["seed"] == 1
 

@@ -152,11 +152,12 @@ def check_motions(env: VectorEnv) -> MinTorqueMove:
 
 def _moves(config: PPOConfig, plan: Amortisation, seed: int) -> tuple[torch.Tensor, MoveCost]:
     """Observations of the starts of random moves, ``(moves, size)``, and their cost."""
-    with closing(make_batch(config.env_id, _N_ENVS, config.env_config)) as env:
+    settings, options = config.conditions[0]
+    with closing(make_batch(config.env_id, _N_ENVS, settings)) as env:
         task = check_motions(env)
         rows: list[NDArray[np.float32]] = []
         while len(rows) * _N_ENVS < plan.moves:
-            rows.append(env.reset(seed=seed + len(rows) * _N_ENVS)[0])
+            rows.append(env.reset(seed=seed + len(rows) * _N_ENVS, options=options)[0])
         return torch.from_numpy(np.concatenate(rows)[: plan.moves]), MoveCost(task)
 
 

@@ -6,7 +6,7 @@ learning", algorithm 3.1.
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import ExitStack, closing
 from typing import Any
 
 import gymnasium as gym
@@ -48,11 +48,11 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
         generator.bit_generator.state = state["generator"]
         observations, labels = state["observations"].numpy(), state["labels"].numpy()
         first = int(state["iterations"])
-    with closing(make_batch(config.env_id, plan.episodes, config.env_config)) as env:
+    with _Levels(config, plan.episodes) as levels:
         for iteration in range(first, plan.iterations):
             if plan.dataset is None:
                 actor = policy if iteration else None
-                visited, wanted, _ = collect(env, plan.expert, actor, seed + iteration * plan.episodes)
+                visited, wanted, _ = levels.collect(plan.expert, actor, seed + iteration * plan.episodes)
             else:
                 episodes = read_dataset(plan.dataset)
                 visited = [episode.observations[:-1] for episode in episodes]
@@ -67,22 +67,49 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
             line = f"{method}, {plan.source}: iteration {iteration + 1} of {plan.iterations}, error {error:.3f}"
             if not stage.report(line):
                 return False
-        visited, _, rewards = collect(env, None, policy, seed + plan.iterations * plan.episodes)
+        visited, _, rewards = levels.collect(None, policy, seed + plan.iterations * plan.episodes)
     returns = np.concatenate(returns_to_go(rewards, config.gamma))
     _fit_value(policy, np.concatenate(visited), returns, plan, generator, thread_count(config))
     return True
 
 
+class _Levels(ExitStack):
+    """Environments at each level of a recipe, among which episodes are divided, while the context is open."""
+
+    def __init__(self, config: PPOConfig, episodes: int) -> None:
+        super().__init__()
+        each, more = divmod(episodes, len(config.conditions))
+        self._parts = [
+            (self.enter_context(closing(make_batch(config.env_id, each + (index < more), settings))), options)
+            for index, (settings, options) in enumerate(config.conditions)
+        ]
+
+    def collect(self, expert_name: str | None, actor: Any, seed: int) -> tuple[list[Any], list[Any], list[Array]]:
+        """What `collect` gives at each level, one after the other."""
+        visited: list[Any] = []
+        wanted: list[Any] = []
+        rewards: list[Array] = []
+        for env, options in self._parts:
+            found = collect(env, expert_name, actor, seed, options)
+            visited, wanted, rewards = visited + found[0], wanted + found[1], rewards + found[2]
+            seed += env.num_envs
+        return visited, wanted, rewards
+
+
 def collect(
-    env: gym.vector.VectorEnv[Any, Any, Any], expert_name: str | None, actor: Any, seed: int
+    env: gym.vector.VectorEnv[Any, Any, Any],
+    expert_name: str | None,
+    actor: Any,
+    seed: int,
+    options: dict[str, Any] | None = None,
 ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]], list[Array]]:
     """The first episode of each environment: observations and the expert's actions, ``(steps, ...)`` each, and rewards.
 
     ``actor`` acts, or the expert if it is None; without an expert, the actions are the actor's. Environment i is reset
-    with ``seed`` + i.
+    with ``seed`` + i and ``options``.
     """
     expert: Any = actor if expert_name is None else envs.make_expert(expert_name, env)
-    observation, _ = env.reset(seed=seed)
+    observation, _ = env.reset(seed=seed, options=options)
     state, begins = None, np.ones(env.num_envs, dtype=bool)
     running = begins.copy()
     steps: list[tuple[Any, Any, Any, Any]] = []

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.training.gradients import Gradients
-from agents.training.recipe import Amortisation, WarmStart
+from agents.training.recipe import Amortisation, Forecasts, WarmStart
 
 Minibatch = NDArray[np.int64]  # indices of samples
 
@@ -19,7 +19,7 @@ def gradient_steps(
     optimizer: torch.optim.Optimizer,
     loss: Callable[[Minibatch], torch.Tensor],
     samples: int,
-    settings: WarmStart | Amortisation,
+    settings: WarmStart | Amortisation | Forecasts,
     generator: np.random.Generator,
     *,
     threads: int,

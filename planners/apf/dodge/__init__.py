@@ -8,6 +8,6 @@ of least cost.
 """
 
 from planners.apf.dodge.field import dodge_accelerations, new_memory
-from planners.apf.dodge.gains import DodgeGains, tuned_gains
+from planners.apf.dodge.gains import STEP, DodgeGains, look_ahead_steps, tuned_gains
 
-__all__ = ["DodgeGains", "dodge_accelerations", "new_memory", "tuned_gains"]
+__all__ = ["STEP", "DodgeGains", "dodge_accelerations", "look_ahead_steps", "new_memory", "tuned_gains"]

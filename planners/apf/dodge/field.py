@@ -57,6 +57,7 @@ def dodge_accelerations(
     *,
     tolerance: float = 0.03,
     hold_time: float = 0.5,
+    forecast: ArrayLike | None = None,
 ) -> Array:
     """Mean joint accelerations for the next period that bring the hand to its goal, clear of the discs.
 
@@ -73,6 +74,8 @@ def dodge_accelerations(
         period: control period, s.
         tolerance: distance from the goal that counts as reached, m.
         hold_time: time for which the goal has to be held, s; the simulated episode ends once it has been held.
+        forecast: where the discs will be at multiples of `STEP`, ``(batch, steps, discs, 2)``, m, with the steps of
+            `look_ahead_steps`; the field's own prediction when left out. It is read in the periods of a decision.
 
     Returns:
         ``(batch, 2)``, rad/s^2. A row with its goal out of reach brakes and evades.
@@ -87,7 +90,10 @@ def dodge_accelerations(
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
     base, sizes, qdd = arm.base_array, _shaped(radii, (rows, discs)), np.empty_like(angles)
-    room = escape_room() if discs > 1 else None
+    room = escape_room() if discs > 1 or forecast is not None else None
+    told = None
+    if forecast is not None:
+        told = _shaped(forecast, (rows, len(instants), discs, 2)) - base
     _dodge_batch(
         body,
         values,
@@ -103,6 +109,7 @@ def dodge_accelerations(
         period,
         qdd,
         room,
+        told,
     )
     return qdd
 
@@ -136,8 +143,12 @@ def _dodge_batch(
     period: float,
     qdd: Array,
     room: Array | None,
+    told: Array | None,
 ) -> None:
-    """Fill in the accelerations of every row; without ``room`` for it, the escape is not compiled."""
+    """Fill in the accelerations of every row; without ``room`` for it, the escape is not compiled.
+
+    Where the places of the discs are ``told``, they are not predicted.
+    """
     state, discs = states[0], radii.shape[1]
     places, trends = np.empty((instants.shape[0], discs, 2)), np.empty((discs, 4))
     for row in range(q.shape[0]):
@@ -149,7 +160,10 @@ def _dodge_batch(
         else:
             goal_postures(body, q[row], goal[row, 0], goal[row, 1], state.postures)
             _choose_elbow(body, gains, state, record)
-            predict_discs(gains, instants, positions[row], trends, places)
+            if told is not None:
+                places[:] = told[row]
+            else:
+                predict_discs(gains, instants, positions[row], trends, places)
             scene = DodgeScene(body, gains, state, instants, places, radii[row])
             cost = choose_well(scene, record)
             if room is not None and cost > -np.inf:

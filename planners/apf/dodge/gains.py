@@ -91,9 +91,14 @@ def as_record(gains: DodgeGains) -> Any:
     return np.array([tuple(asdict(gains).values())], dtype=[(field.name, "f8") for field in fields(gains)])[0]
 
 
+def look_ahead_steps(gains: DodgeGains) -> int:
+    """Number of steps of the look-ahead, `STEP` apart."""
+    return round(gains.horizon / STEP)
+
+
 def make_instants(gains: DodgeGains) -> NDArray[Any]:
     """The instants of the look-ahead: an array of `INSTANTS`, ``(steps,)``."""
-    t = STEP * np.arange(1, round(gains.horizon / STEP) + 1)
+    t = STEP * np.arange(1, look_ahead_steps(gains) + 1)
     instants = np.zeros(len(t), INSTANTS)
     instants["travel"] = np.diff(gains.confidence * -np.expm1(-t / gains.confidence), prepend=0.0)
     instants["settling"] = np.diff(gains.lag * -np.expm1(-t / gains.lag), prepend=0.0)
