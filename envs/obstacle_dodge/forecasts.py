@@ -127,7 +127,9 @@ class ForecastingExpert(DodgingExpert):
     def __init__(self, task: ObstacleDodge, network: Callable[[Observation], NDArray[np.float32]]) -> None:
         super().__init__(task)
         if task.config.second_arm:
-            raise ValueError("forecasts are of discs that move by themselves, not of a second arm: leave out second_arm")
+            raise ValueError(
+                "forecasts are of discs that move by themselves, not of a second arm: leave out second_arm"
+            )
         self._network = network
         self._lags = [max(1, round(lag / task.config.control_period)) for lag in LAGS]
 
