@@ -19,13 +19,14 @@ import tyro
 
 import envs
 from agents.console import note
-from agents.evaluation.evaluate import evaluate
 from agents.evaluation.statistics import Estimate, rate
 from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import Agent
 from agents.policies.files import load_agent, save_agent
 from agents.tables import Table, short_text
 from agents.training.learning_curves import Curve, differing, read_curve, without_copies
+from agents.training.recipe import TrainingConfig
+from agents.training.scores import evaluation_of
 
 TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"
 SELECTION_SEED, HELD_OUT_SEED = 2_000_000, 0
@@ -50,7 +51,7 @@ class ReleaseOptions:
     """In each of the two sets."""
     variant: str | None = None
     """Name of an agent for harder episodes, which is shipped beside that of the environment as policy agent:NAME. It is
-    scored in the settings that it was trained in, not in the default ones."""
+    scored in the settings and at the levels that it was trained in, not in the default ones."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Candidate:
     curve: Curve  # of its run
     agent: Agent  # the agent
     settings: Mapping[str, Any]  # of the environment in which it is scored
+    levels: tuple[str, ...]  # among which the episodes are divided
     selection: Scores  # scores on the episodes that select
     held_out: Scores  # scores on those that do not
 
@@ -97,11 +99,12 @@ def main(options: ReleaseOptions) -> int:
     candidates = []
     for curve, agent in zip(curves, agents, strict=True):
         note(f"scoring {curve.folder} on twice {options.episodes} episodes")
-        settings = agent.action_config if options.variant is None else agent.env_config
-        selection, held_out = (
-            score(agent, first, options.episodes, settings) for first in (SELECTION_SEED, HELD_OUT_SEED)
-        )
-        candidates.append(Candidate(curve, agent, settings, selection, held_out))
+        update: dict[str, Any] = {"evaluation_episodes": options.episodes}
+        if options.variant is None:
+            update |= {"env_config": agent.action_config, "levels": ()}
+        config = curve.config.model_copy(update=update)
+        selection, held_out = (score(agent, config, first) for first in (SELECTION_SEED, HELD_OUT_SEED))
+        candidates.append(Candidate(curve, agent, config.env_config, config.levels, selection, held_out))
     chosen = choose(candidates)
     name = chosen.agent.env_id if options.variant is None else f"{chosen.agent.env_id}.{options.variant}"
     path = options.out / f"{name}.safetensors"
@@ -144,9 +147,9 @@ def read_finished(folders: Sequence[Path]) -> list[Curve]:
     return curves
 
 
-def score(agent: Agent, first: int, episodes: int, settings: Mapping[str, Any]) -> Scores:
-    """Scores on a set of episodes, in an environment with these settings."""
-    evaluation = evaluate(agent, agent.env_id, range(first, first + episodes), env_config=settings)
+def score(agent: Agent, config: TrainingConfig, first: int) -> Scores:
+    """Scores on the episodes of an evaluation of a recipe, from a first seed on."""
+    evaluation = evaluation_of(agent, config, first)
     return {**training_scores(evaluation), "limits_kept": rate(evaluation.metrics["limit_ratio"] <= LIMIT_RATIO)}
 
 
@@ -167,7 +170,9 @@ def rule(episodes: int) -> str:
 
 def document(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) -> dict[str, Any]:
     """The JSON of the selected agent: its own, how it was selected, its scores and those of the other seeds."""
-    settings = {"env_config": dict(chosen.settings)}
+    settings: dict[str, Any] = {"env_config": dict(chosen.settings)}
+    if chosen.levels:
+        settings["levels"] = list(chosen.levels)
     selection: dict[str, Any] = {"rule": rule(episodes), "seeds": _ends(SELECTION_SEED, episodes), **settings}
     held_out: dict[str, Any] = {"seeds": _ends(HELD_OUT_SEED, episodes), **settings, "limit_ratio_kept": LIMIT_RATIO}
     for part, scores in ((selection, chosen.selection), (held_out, chosen.held_out)):

@@ -17,17 +17,19 @@ from envs.experts import expert_names
 
 
 def score(policy: Agent | str, config: TrainingConfig) -> dict[str, float]:
-    """Success rate, mean return and metrics of an agent, or of an expert in the environment's default control mode.
+    """Success rate, mean return and metrics of an agent, or of an expert in the environment's default control mode."""
+    return values_of(training_scores(evaluation_of(policy, config, EVALUATION_SEED)))
 
-    The episodes are divided among the levels of the recipe.
-    """
+
+def evaluation_of(policy: Agent | str, config: TrainingConfig, first: int) -> Evaluation:
+    """The episodes of an evaluation of a recipe, from a first seed on, divided among its levels."""
     conditions, parts = config.conditions, []
     for index, (settings, options) in enumerate(conditions):
-        seeds = EVALUATION_SEED + np.arange(index, config.evaluation_episodes, len(conditions))
+        seeds = first + np.arange(index, config.evaluation_episodes, len(conditions))
         if isinstance(policy, str):
             settings = {name: value for name, value in settings.items() if name not in ACTION_SETTINGS}
         parts.append(evaluate(policy, config.env_id, seeds, env_config=settings, options=options))
-    return values_of(training_scores(Evaluation.joined(parts)))
+    return Evaluation.joined(parts)
 
 
 def score_baselines(

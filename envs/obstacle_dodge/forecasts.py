@@ -30,7 +30,7 @@ LAGS = (0.1, 0.2, 0.4, 0.8)
 AHEAD = (0.0, 0.5, 1.0, 2.0)
 """Times ahead at which a forecast knows elbow and hand in the straight move to the goal, s."""
 
-PACE = 1.6
+PACE = 2.2
 """A forecast of 1 is a displacement with this mean velocity, m/s."""
 
 INPUTS, OUTPUTS = 8 + 4 * len(AHEAD) + 2 * len(LAGS), 2 * len(KNOTS)

@@ -39,15 +39,16 @@ def summary(env_id: str, variant: str | None) -> str:
 
 
 def gap(page: str, env_id: str, policy: str) -> str:
-    """What separates a policy from the best planner, with 95 % intervals, from the first tables that have both.
+    """What separates a policy from the best planner, with 95 % intervals, from the tables of each level that have both.
 
     Raises:
         ValueError: if no table of the page has them.
     """
     sections = re.findall(
-        rf"^### {re.escape(env_id)}(?:/[\w-]+)?: (\d+ episodes)\n(.*?)(?=^### |\Z)", page, re.M | re.S
+        rf"^### {re.escape(env_id)}(?:/([\w-]+))?: (\d+ episodes)\n(.*?)(?=^### |\Z)", page, re.M | re.S
     )
-    for episodes, section in sections:
+    sentences = []
+    for level, episodes, section in sections:
         tables = [_rows(table) for table in re.findall(r"(?:^\|.*\n)+", section, re.M)]
         if len(tables) < 2 or policy not in tables[0]:
             continue
@@ -59,8 +60,11 @@ def gap(page: str, env_id: str, policy: str) -> str:
             name, _, unit = title.removesuffix(")").partition(" (")
             number, _, interval = cell.partition(" ")
             parts.append(" ".join(filter(None, (name, number, unit, interval))))
-        return f"Against {best}, the best planner, in {episodes}: {', '.join(parts)}."
-    raise ValueError(f"no table of {env_id} compares {policy} with planners")
+        where = f"{episodes} of level {level}" if level else episodes
+        sentences.append(f"Against {best}, the best planner, in {where}: {', '.join(parts)}.")
+    if not sentences:
+        raise ValueError(f"no table of {env_id} compares {policy} with planners")
+    return " ".join(sentences)
 
 
 def training(document: Mapping[str, Any]) -> str:
@@ -69,6 +73,11 @@ def training(document: Mapping[str, Any]) -> str:
     warm_start = config.get("warm_start")
     if steps == 0 and config.get("amortise"):
         return "Fitted through the dynamics; PPO brought no gain, and none of its steps is in the weights."
+    if config.get("forecasts"):
+        after = (
+            f" {steps:,} steps of PPO went on from there." if steps else " PPO brought no gain: none is in the weights."
+        )
+        return f"Fitted to the paths of discs.{after}"
     before = f"A clone of {warm_start['expert']} by DAgger, then " if warm_start else ""
     return f"{before}{steps:,} steps of PPO."
 
