@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,8 +60,7 @@ class Candidate:
 
     curve: Curve  # of its run
     agent: Agent  # the agent
-    settings: Mapping[str, Any]  # of the environment in which it is scored
-    levels: tuple[str, ...]  # among which the episodes are divided
+    config: TrainingConfig  # settings and levels at which it is scored
     selection: Scores  # scores on the episodes that select
     held_out: Scores  # scores on those that do not
 
@@ -104,7 +103,7 @@ def main(options: ReleaseOptions) -> int:
             update |= {"env_config": agent.action_config, "levels": ()}
         config = curve.config.model_copy(update=update)
         selection, held_out = (score(agent, config, first) for first in (SELECTION_SEED, HELD_OUT_SEED))
-        candidates.append(Candidate(curve, agent, config.env_config, config.levels, selection, held_out))
+        candidates.append(Candidate(curve, agent, config, selection, held_out))
     chosen = choose(candidates)
     name = chosen.agent.env_id if options.variant is None else f"{chosen.agent.env_id}.{options.variant}"
     path = options.out / f"{name}.safetensors"
@@ -170,9 +169,9 @@ def rule(episodes: int) -> str:
 
 def document(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) -> dict[str, Any]:
     """The JSON of the selected agent: its own, how it was selected, its scores and those of the other seeds."""
-    settings: dict[str, Any] = {"env_config": dict(chosen.settings)}
-    if chosen.levels:
-        settings["levels"] = list(chosen.levels)
+    settings: dict[str, Any] = {"env_config": dict(chosen.config.env_config)}
+    if chosen.config.levels:
+        settings["levels"] = list(chosen.config.levels)
     selection: dict[str, Any] = {"rule": rule(episodes), "seeds": _ends(SELECTION_SEED, episodes), **settings}
     held_out: dict[str, Any] = {"seeds": _ends(HELD_OUT_SEED, episodes), **settings, "limit_ratio_kept": LIMIT_RATIO}
     for part, scores in ((selection, chosen.selection), (held_out, chosen.held_out)):

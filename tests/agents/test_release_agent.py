@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from run_folders import CONVEYOR, config, make_run
 
+import envs
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.statistics import Estimate
 from agents.policies.agent import FORMAT, Agent
 from agents.policies.files import describe_layout, layout_of, load_agent, save_agent
 from agents.training.learning_curves import read_curve
-from tools.release_agent import TRAINED, Candidate, ReleaseOptions, choose, main, spread
+from tools.release_agent import TRAINED, Candidate, ReleaseOptions, choose, main, score, spread
 
 SETTINGS = {"control_mode": "jerk", "limit_penalty": 0.5}
 """Of the training: the meaning of actions, and a reward that is not the environment's own."""
@@ -76,7 +77,7 @@ def test_success_then_return_choose_and_held_out_scores_do_not(
     selections: list[tuple[float, float]], chosen: int, best_held_out: int, tmp_path: Path
 ) -> None:
     curve = read_curve(make_run(tmp_path / "run", ROWS))
-    blank = Candidate(curve, agent(0), {}, {}, {})
+    blank = Candidate(curve, agent(0), curve.config, {}, {})
     candidates = [
         scored(selection, (1.0, 9.0) if number == best_held_out else (0.1, 0.0), blank)
         for number, selection in enumerate(selections)
@@ -193,6 +194,18 @@ def test_an_agent_for_harder_episodes_is_scored_in_its_own_settings(runs: tuple[
     ]
     document = json.loads((tmp_path / "out" / f"{CONVEYOR}.harder.json").read_text())
     assert document["held_out"]["env_config"] == document["selection"]["env_config"] == SETTINGS
+    assert "levels" not in document["held_out"]
+
+
+def test_episodes_are_divided_among_the_levels_of_the_recipe(tmp_path: Path) -> None:
+    config = read_curve(make_run(tmp_path / "run", ROWS)).config
+    at_levels = config.model_copy(update={"levels": ("default", "fast"), "evaluation_episodes": 4})
+    each = [
+        evaluate(agent(0), CONVEYOR, [first, first + 2], env_config=config.env_config, options=options)
+        for first, options in ((5, {}), (6, dict(envs.task_card(CONVEYOR).levels["fast"].options)))
+    ]
+    expected = np.concatenate([part.returns for part in each]).mean()
+    assert score(agent(0), at_levels, 5)["return"].value == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.rl
