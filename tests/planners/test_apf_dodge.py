@@ -14,7 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import PLANAR_3R, SCARA_50CM
-from planners.apf.dodge import DodgeGains, dodge_accelerations, new_memory, tuned_gains, whole_arm
+from planners.apf.dodge import (
+    STEP,
+    DodgeGains,
+    dodge_accelerations,
+    look_ahead_steps,
+    new_memory,
+    tuned_gains,
+    whole_arm,
+)
 from planners.apf.dodge.discs import observe_discs, predict_discs
 from planners.apf.dodge.gains import GAINS_FILE, as_record, make_instants
 from planners.motion.double_integrator import rest_time
@@ -101,6 +109,34 @@ def test_accelerations_velocities_and_torques_keep_the_limits(
     tau = ARM.inverse_dynamics(q + half * (qd + 0.5 * half * qdd), qd + half * qdd, qdd)
     # Accelerations are scaled along a straight line; the torques along it bend by far less than this.
     assert (np.abs(tau) <= 1.002 * np.array(LIMITS.torque)).all()
+
+
+def told(place: Array, forecast: Array | None) -> Array:
+    """The field's decision with a standing disc, and with a forecast of it."""
+    return dodge_accelerations(
+        ARM,
+        tuned_gains(),
+        np.array([[-0.6, 1.2]]),
+        np.zeros((1, 2)),
+        ARM.forward_kinematics([0.9, 1.2])[None],
+        place[None, None],
+        np.zeros((1, 1, 2)),
+        np.full((1, 1), RADIUS),
+        new_memory(1, 1),
+        PERIOD,
+        forecast=forecast,
+    )[0]
+
+
+def test_the_field_dodges_by_where_a_disc_is_said_to_be() -> None:
+    steps, beside, way = look_ahead_steps(tuned_gains()), np.array([-0.6, -0.3]), ARM.forward_kinematics([0.2, 1.2])
+    assert steps * STEP == pytest.approx(tuned_gains().horizon)
+    free, blocked = told(beside, np.broadcast_to(FAR, (1, steps, 1, 2))), told(way, None)
+    assert not np.allclose(free, blocked)
+    np.testing.assert_array_equal(told(way, np.broadcast_to(FAR, (1, steps, 1, 2))), free)
+    np.testing.assert_array_equal(told(beside, np.broadcast_to(way, (1, steps, 1, 2))), blocked)
+    with pytest.raises(ValueError, match="shape"):
+        told(way, np.zeros((1, steps + 1, 1, 2)))
 
 
 @settings(max_examples=25, deadline=None)
