@@ -45,7 +45,6 @@ def test_the_id_of_an_environment_stands_for_all_of_its_levels() -> None:
     ]
     (plain,) = configure("benchmark", {}, ["MinTorqueMove-v0"]).tasks  # a title comes first
     assert plain.title == "MinTorqueMove-v0"
-<<<<<<< HEAD
 
 
 def test_experts_act_in_the_control_modes_of_a_task_unless_another_is_given(tmp_path: Path) -> None:
@@ -70,5 +69,3 @@ def test_control_modes_of_no_expert_and_two_modes_of_one_are_refused() -> None:
     both = {**task, "control_modes": {"dpct": "jerk"}, "env_config": {"control_mode": "torque"}}
     with pytest.raises(ValueError, match=r"control_mode 'torque' for every policy contradicts control_modes"):
         BenchmarkTask.parse(both, "task")
-=======
->>>>>>> 929d3e3 (Levels of faster discs; releases are scored at the levels of the recipe; seeds of a benchmark's task)
