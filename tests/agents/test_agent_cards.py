@@ -39,7 +39,8 @@ def test_an_agent_that_ppo_did_not_improve_does_not_claim_it() -> None:
 
 def test_the_best_planner_is_the_first_of_the_table() -> None:
     line = (
-        "Against field, the best planner, in 64 episodes of level windy: success -10 points (-12 to -8), time +0.2 s (+0.1 to +0.3)."
+        "Against field, the best planner, in 64 episodes of level windy: success -10 points (-12 to -8), "
+        "time +0.2 s (+0.1 to +0.3)."
     )
     assert gap(TABLES, "Swing-v0", "agent") == line
     calm = TABLES.replace("windy", "calm")
