@@ -10,7 +10,7 @@ the second best, and so on.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,12 +78,13 @@ def tables(stored: Scores) -> Iterator[str]:
             yield f"| `{name}` | {levels[name].meaning} | {' | '.join(cells)} |"
 
 
-def _policies(env_id: str) -> Iterable[str]:
-    """Policies that the configuration has on the levels of a task, in its order."""
+def _policies(env_id: str) -> list[str]:
+    """Policies that the configuration has on the levels of a task, agents first."""
     config = configure("levels", {})
-    return dict.fromkeys(
+    names = dict.fromkeys(
         policy for task in config.tasks if task.env == env_id for policy in task.policies or config.policies
     )
+    return sorted(names, key=lambda name: not is_shipped(name))
 
 
 def _only(modes: set[str]) -> str:
