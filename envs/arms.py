@@ -15,6 +15,9 @@ from planners import Arm
 from planners.robot.dynamics import mass_matrix_single
 from planners.robot.limits import LimitKind
 
+LEAST_INERTIA = 1e-12
+"""Least inertia of a link about its centre of mass in Pymunk, as a share of mass times squared length: NaN without."""
+
 
 def _loaded(given: Any) -> Arm:
     return planners.load_arm(given)
@@ -48,6 +51,16 @@ def require_limits(arm: Arm, kinds: Sequence[LimitKind], env_id: str) -> None:
     for kind in kinds:
         if not np.isfinite(arm.limits.array(kind)).all():
             raise ValueError(f"{env_id} needs {kind} limits of every joint; {arm.name} has {getattr(arm.limits, kind)}")
+
+
+def require_inertia(arm: Arm) -> None:
+    """ValueError if a link has too little inertia about its own centre of mass for the bodies of Pymunk."""
+    sizes = np.array(arm.masses) * np.square(arm.length_array)
+    for link in np.flatnonzero(np.array(arm.inertias) < LEAST_INERTIA * sizes).tolist():
+        raise ValueError(
+            f"link {link} of {arm.name} has an inertia of {arm.inertias[link]:.3g} kg m^2 about its centre of mass; "
+            f'Pymunk needs {LEAST_INERTIA * sizes[link]:.3g} kg m^2; give inertias, or choose physics="closed_form"'
+        )
 
 
 def angular_acceleration(arm: Arm) -> float:

@@ -14,6 +14,7 @@ from planners.checks import require_choice
 from planners.goals import goal_postures
 from planners.motion.time_laws import trapezoid, trapezoid_share
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.promises import require_within_limits
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
 
@@ -73,8 +74,8 @@ def plan(problem: MotionProblem, *, contact: Contact = "refuse") -> Trajectory:
         if excess <= 1.0:
             break
         share *= BACK_OFF / excess
-    # where weight alone exceeds a limit, no time is enough
-    if motion.duration > problem.horizon and motion.limit_ratios["torque"] <= 1.0:
+    if motion.duration > problem.horizon:
+        require_within_limits("trapezoid", motion)  # where weight alone exceeds a limit, no time is enough
         message = f"the straight move takes {motion.duration:.4g} s; allow that much"
         raise Infeasible("late", message, minimum_time=motion.duration)
     return motion

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.arms import require_inertia
 from envs.batch.pool import NO_PURPOSE, RESTING, Words, job_of, work, work_on_all
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, rows
@@ -42,7 +43,10 @@ class Batch:
         self.records["env_index"] = np.arange(count)
         self.actions = self.records["action"]
         self.model = model
-        self.world = NoWorld(count) if model["closed_form"][0] else World(arm, self.records)
+        exact = bool(model["closed_form"][0])
+        if not exact:
+            require_inertia(arm)
+        self.world = NoWorld(count) if exact else World(arm, self.records)
         self.table_shape = table_shape
         self._kernels = kernels
         self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, first_public_byte(self.records) :]

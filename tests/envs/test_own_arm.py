@@ -197,6 +197,24 @@ def test_an_arm_that_a_task_cannot_bear_is_refused_with_the_reason(env_id: str, 
         gym.make(env_id, arm=arm).reset(seed=0)
 
 
+@pytest.mark.parametrize("env_id", ["MinTorqueMove-v0", "ObstacleDodge-v0"])
+def test_point_masses_move_by_exact_equations_and_are_no_bodies_of_pymunk(env_id: str) -> None:
+    """Pymunk would divide by their inertia, and every angle would be NaN."""
+    limits = JointLimits(torque=[30.0, 15.0], velocity=[3.0, 3.0], acceleration=[9.0, 9.0])
+    points = Arm("points", [0.5, 0.5], [2.0, 1.5], limits, coms=[0.5, 0.5], inertias=[0.0, 0.0])
+    with pytest.raises(ValueError, match=r"link 0 of points has an inertia of 0 kg m\^2 .*Pymunk needs 5e-13 kg m\^2"):
+        gym.make(env_id, arm=points)
+    slender = Arm("slender", [0.5, 0.5], [2.0, 1.5], limits, coms=[0.5, 0.5], inertias=[1e-12, 1e-12])
+    states = []
+    for arm, physics in ((points, "closed_form"), (slender, "pymunk")):
+        env = gym.make(env_id, arm=arm, physics=physics)
+        env.reset(seed=0)
+        for _ in range(10):
+            env.step(np.full(2, 0.1, dtype=np.float32))
+        states.append(np.concatenate(env.unwrapped.joint_state()))  # type: ignore[attr-defined]
+    np.testing.assert_allclose(*states, atol=0.01)
+
+
 def test_gravity_is_a_setting_of_every_task_with_an_arm() -> None:
     for env_id in ("ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0"):
         env = gym.make(env_id, arm=INDUSTRIAL, gravity=3.0)
