@@ -180,6 +180,7 @@ class ExcavatorPayload(Task):
             own |= {"residual_kernel": estimation.ADD_TO_ESTIMATED, "estimate_kernel": estimation.ESTIMATE}
             self.layout = Layout((*LAYOUT.entries, *estimation.ENTRIES))
         super().__init__(config, arm, num_envs, fields, constants, kernels=own)
+        reference.write_kernels(self._batch.model)
         self._hidden = HiddenDraw(config.lightest, config.payload, steps, changes=config.level == 2)
         limits = self.arm.limits
         self._planning_limits = replace(limits, torque=tuple(PLANNED_SHARE * torque for torque in limits.torque))

@@ -87,15 +87,14 @@ def _begin(env: Any, shared: Any) -> None:
     clear_episode(env)
     _hold(env, env.pick_step == 0)
     call(shared.place_kernel, env, shared)
-    q, still, tau = np.empty(N_JOINTS), np.zeros(N_JOINTS), np.empty(N_JOINTS)
-    copy_array(q, env.q)
-    torque_single(empty_machine(shared), np.zeros(10), q, still, still, still, tau)
-    copy_array(env.tau, tau)
+    clear_array(env.ahead)
+    copy_array(env.ahead[0], env.q)
+    call(shared.torque_kernel, shared, 0, env.ahead, env.tau)
     begin_commands(env)
-    copy_array(env.drive_torque, tau)
+    copy_array(env.drive_torque, env.tau)
     clear_array(env.error_integral)
     for i in range(N_JOINTS):
-        env.held_action[i] = 0.0 if shared.residual else tau[i] / shared.limits[0, i]
+        env.held_action[i] = 0.0 if shared.residual else env.tau[i] / shared.limits[0, i]
     env.leg = 1
     env.judged_after = shared.judged_after
     env.judged_steps = 0

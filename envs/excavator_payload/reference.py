@@ -13,13 +13,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numpy.typing import NDArray
 
 from envs.batch.records import Records
 from envs.excavator_payload.world import N_JOINTS
 from planners.checks import brief
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import Kernel, call, inlined, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.newton_euler import torque_single
@@ -75,7 +75,24 @@ def dynamics_constants() -> dict[str, Any]:
         "chain_inertia": dynamics.inertia,
         "chain_drives": dynamics.drives,
         "heaviest": planar_payload(HEAVIEST),
+        "torque_kernel": 0,
     }
+
+
+def _torque(model: Any, loaded: int, motion: Array, tau: Array) -> None:
+    """Torques of a ``motion`` ``(3, n)``, with the heaviest payload or with none, written to ``tau`` ``(n,)``, N m."""
+    load = np.empty(10)
+    for parameter in range(10):
+        load[parameter] = model.heaviest[parameter] if loaded else 0.0
+    torque_single(empty_machine(model), load, motion[0], motion[1], motion[1], motion[2], tau)
+
+
+_TORQUE = Kernel(_torque)
+
+
+def write_kernels(model: Records) -> None:
+    """Write the address of the machine's inverse dynamics into the model record."""
+    model["torque_kernel"] = _TORQUE.address(model.dtype, types.intp, types.float64[:, ::1], types.float64[::1])
 
 
 class Waypoints(NamedTuple):
@@ -179,7 +196,7 @@ def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
     env.n_waypoints = count
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def least_duration(model: Any, start: Array, end: Array) -> float:
     """Duration of a segment at `SPEED_SHARE` of the speed limits, at least `LEAST_TIME`, s."""
     time = LEAST_TIME
@@ -194,18 +211,15 @@ def empty_machine(model: Any) -> tuple[Array, Array, Array, Array]:
     return (model.chain_frames, model.chain_gravity, model.chain_inertia, model.chain_drives)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def segment_ratios(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
     """Worst torque over limit and worst speed over limit along a segment with the heaviest payload."""
     n = start.shape[0]
-    chain, load = empty_machine(model), np.empty(10)
-    for parameter in range(10):
-        load[parameter] = model.heaviest[parameter]
     motion, tau = np.empty((3, n)), np.empty(n)
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):
         segment_motion(start, end, sample / _SAMPLES, duration, motion)
-        torque_single(chain, load, motion[0], motion[1], motion[1], motion[2], tau)
+        call(model.torque_kernel, model, 1, motion, tau)
         for i in range(n):
             torque = max(torque, abs(tau[i]) / model.limits[0, i])
             speed = max(speed, abs(motion[1, i]) / model.limits[1, i])
