@@ -4,7 +4,8 @@ Independent of Gymnasium. SI units and radians; joint angles are relative and co
 effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerations and torques.
 """
 
-import planners.compile_cache  # noqa: F401  (before any compiled function)
+import planners.compile_cache
+import planners.compiled.operators  # noqa: F401  (both before any compiled function)
 from planners import apf, control, dpct, lagrange, quintic, trapezoid
 from planners.capabilities import plan, register
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
