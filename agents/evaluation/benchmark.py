@@ -274,8 +274,7 @@ class Benchmark:
         return values
 
     def _seeds(self, task: BenchmarkTask) -> NDArray[np.int64]:
-        first = self.config.seed if task.seed is None else task.seed
-        return self.seeds.get(task.title, first + np.arange(self._episodes(task)))
+        return self.seeds.get(task.title, self.config.seed + np.arange(self._episodes(task)))
 
     def _episodes(self, task: BenchmarkTask) -> int:
         return task.episodes or self.config.episodes

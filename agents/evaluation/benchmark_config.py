@@ -43,7 +43,6 @@ class BenchmarkTask(Settings):
         policies: those of this task, if not those of the benchmark.
         control_modes: in which experts act, by name, where that is not the mode of ``env_config``.
         episodes: number of episodes, if not that of the benchmark.
-        seed: of the first episode, if not that of the benchmark.
         bound_episodes: number of episodes whose bound is computed, if not that of the benchmark.
         published: a figure from a paper, for its own row.
     """
@@ -56,7 +55,6 @@ class BenchmarkTask(Settings):
     policies: tuple[str, ...] | None = Field(None, min_length=1)
     control_modes: dict[str, str] = Field(default_factory=dict)
     episodes: int | None = Field(None, ge=1, le=MOST_EPISODES)
-    seed: int | None = Field(None, ge=0, le=SEED_MOST)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
 
