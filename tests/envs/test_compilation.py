@@ -64,6 +64,20 @@ def test_a_control_mode_has_a_command_of_its_own(mode: str) -> None:
     assert {name for name in torque if torque[name] != other[name]} == {"command_kernel"}
 
 
+def test_one_environment_compiles_the_kind_of_path_that_it_draws_and_a_batch_both() -> None:
+    def compiled(task: Any) -> set[str]:
+        numbers = task._starts._numbers
+        return {name for name in ("legs_kernel", "wander_kernel") if numbers[name][0]}
+
+    env, batch = gym.make("ObstacleDodge-v0"), gym.make_vec("ObstacleDodge-v0", 2)
+    env.reset(seed=0, options={"obstacle_kind": "wander"})
+    assert compiled(env.unwrapped.task) == {"wander_kernel"}  # type: ignore[attr-defined]
+    env.reset(options={"obstacle_kind": "passes"})
+    batch.reset(seed=0, options={"obstacle_kind": "wander"})
+    both = {"legs_kernel", "wander_kernel"}
+    assert compiled(env.unwrapped.task) == compiled(batch.unwrapped.task) == both  # type: ignore[attr-defined]
+
+
 def test_addresses_are_not_public() -> None:
     task = gym.make("ConveyorTrack-v0").unwrapped.task  # type: ignore[attr-defined]
     assert not [name for name in task.model.dtype.names if name.endswith("_kernel")]
