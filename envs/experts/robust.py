@@ -17,6 +17,11 @@ from planners.typing import Array
 
 _NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
 
+_UNMODELLED = 0.02, 0.1
+"""What the filter's model leaves out, and the same where arm or latency are unknown beside noise, as a share of the
+acceleration that the first torque gives the stretched arm: less makes the filter too certain, and masses and latency
+drift; more makes plans spend torque on noise."""
+
 _MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
 """What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
 acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
@@ -65,11 +70,15 @@ class RobustTracking:
             for name, share in _MANOEUVRE.items()
             if camera > 0.0 and name in scales
         }
+        unknown = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
+        noisy = task.uncertainty.noisy and (unknown or soonest < latest)
+        strength = task.arm.limits.array("torque")[0] / task.arm.chain_constants[0].sum()
         self._observer = ArmObserver(
             task.arm,
             ObserverSettings(
                 period=config.control_period,
                 steps=steps,
+                unmodelled=_UNMODELLED[noisy] * strength,
                 late=(round(soonest / config.physics_step), round(latest / config.physics_step)),
                 noise=(far["encoder_noise"], far["velocity_noise"]),
                 masses=max(abs(end) for end in ends(config.mass_error)),

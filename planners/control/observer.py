@@ -25,7 +25,7 @@ from planners.compiled.calls import private
 from planners.control.filtering import correct_by, move_covariance
 from planners.control.tracking import held_torque_rows
 from planners.robot.arm import Arm
-from planners.robot.dynamics import forward_dynamics_single
+from planners.robot.dynamics import mass_matrix_single, solve_mass_matrix
 from planners.typing import Array
 
 LEAST_NOISE = (2e-6, 2e-5)
@@ -51,24 +51,25 @@ class ObserverSettings:
     Attributes:
         period: between two samples, s.
         steps: steps of the simulation in a period.
+        unmodelled: standard deviation of what the model leaves out of a period's mean acceleration, rad/s^2, as if
+            independent in each period; for an error that lasts over several periods, several times its size.
         late: least and largest number of steps by which a command comes late.
         noise: standard deviations of measured angles (rad) and velocities (rad/s).
         masses: standard deviation of the share by which links are heavier than the nominal ones.
         alike: whether that share is the same for all links.
         payload: standard deviation of the payload, kg.
         friction: standard deviations of viscous (N m s/rad) and dry friction (N m).
-        unmodelled: standard deviation of what the model leaves out of a period's mean acceleration, rad/s^2.
     """
 
     period: float
     steps: int
+    unmodelled: float
     late: tuple[int, int] = (0, 0)
     noise: tuple[float, float] = (0.0, 0.0)
     masses: float = 0.0
     alike: bool = False
     payload: float = 0.0
     friction: tuple[float, float] = (0.0, 0.0)
-    unmodelled: float = 0.003
 
     @property
     def waiting(self) -> int:
@@ -234,7 +235,7 @@ def _move(
     x: Array,
     qdd: Array,
 ) -> None:
-    """Move the joints of ``x`` on from step ``first`` to ``last``, counted from now, as semi-implicit Euler does.
+    """Move the joints of ``x`` on from step ``first`` to ``last``, counted from now.
 
     ``commands[k]`` was sent ``k + 1`` periods of so many ``steps`` ago. A step in which another command begins to
     arrive has the mean torque; the last step may be a part of one.
@@ -255,11 +256,33 @@ def _move(
             friction = viscous * speed + dry * min(1.0, max(-1.0, speed / CREEP))
             bound = most[i] * abs(speed)
             tau[i] = new[i] + part * (old[i] - new[i]) - min(bound, max(-bound, friction))
-        forward_dynamics_single(coupling, weight, angles, rates, tau, qdd)
+            angles[i] += 0.5 * duration * speed
+        _accelerate(coupling, weight, angles, rates, tau, duration, qdd)
         for i in range(n):
-            before = rates[i]
             rates[i] += duration * qdd[i]
-            angles[i] += 0.5 * duration * (before + rates[i])
+            angles[i] += 0.5 * duration * rates[i]
+
+
+@private
+def _accelerate(
+    coupling: Array, weight: Array, half: Array, rates: Array, tau: Array, duration: float, qdd: Array
+) -> None:
+    """Mean accelerations over a step of a ``duration``, to ``qdd``, with the angles ``half`` a step on.
+
+    The links' momenta, along the directions they had half a step before the start, change by the impulse of the
+    torques in the directions ``half`` a step after it, as in the simulation of rigid bodies joined by impulses.
+    """
+    n = qdd.shape[0]
+    phi, turn, m, outer = np.cumsum(half), np.cumsum(rates), np.empty((n, n)), 0.0
+    mass_matrix_single(coupling, half, m)
+    for i in range(n - 1, -1, -1):
+        moment = weight[i] * math.cos(phi[i])
+        for j in range(n):
+            apart = phi[i] - phi[j]
+            moment += coupling[i, j] * (math.cos(apart) - math.cos(apart + duration * turn[j])) * turn[j] / duration
+        outer += moment
+        qdd[i] = tau[i] - outer
+    solve_mass_matrix(m, qdd)
 
 
 @private

@@ -81,7 +81,7 @@ def test_a_drawn_latency_is_estimated(env_id: str) -> None:
     expert = envs.make_expert("apf", vector)
     observations, _ = vector.reset(seed=0)
     state: Any = None
-    for _ in range(10):
+    for _ in range(30):
         actions, state = expert.predict(observations, state)
         observations, *_ = vector.step(actions)
     late = vector.task.batch["latency_steps"]
@@ -93,6 +93,29 @@ def test_a_drawn_latency_is_estimated(env_id: str) -> None:
 def test_moves_succeed_with_a_drawn_latency(name: str) -> None:
     assert share(MOVE, name, latency=(0.0, 0.005)) == 1.0
     assert share(MOVE, name, filtered=False, latency=(0.0, 0.005)) <= 4 / 6
+
+
+@pytest.mark.parametrize("name", ["dpct", "lagrange", "apf"])
+def test_moves_succeed_with_masses_friction_latency_and_noise_together(name: str) -> None:
+    level = envs.task_card(MOVE).levels["uncertain"]
+    assert share(MOVE, name, **level.settings) >= 5 / 6
+    assert share(MOVE, name, filtered=False, **level.settings) <= 0.5
+
+
+def test_masses_are_as_certain_as_the_filter_says() -> None:
+    settings = {**envs.task_card(MOVE).levels["uncertain"].settings, "latency": (0.0, 0.0)}
+    vector: Any = gym.make_vec(MOVE, num_envs=EPISODES, **settings)
+    expert = envs.make_expert("dpct", vector)
+    observations, _ = vector.reset(seed=0)
+    truth = vector.task.batch["mass_scale"] - 1.0
+    state: Any = None
+    for _ in range(40):
+        actions, state = expert.predict(observations, state)
+        observations, *_ = vector.step(actions)
+    size = 3 * vector.task.arm.n_joints + 4
+    covariance = state.memory[:, size : size * (size + 1)].reshape(EPISODES, size, size)
+    errors = (state.memory[:, 6:9] - truth) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 6:9])
+    assert np.sqrt(np.mean(np.square(errors))) < 3.0
 
 
 def test_actions_are_the_same_in_a_batch_and_alone() -> None:
