@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -68,6 +68,10 @@ class ExcavatorPayloadConfig(TaskSettings):
         return lightest
 
 
+Offset = Annotated[float, Field(ge=-1.0, le=1.0)]
+"""Offset of a payload, m: a bucket is not larger."""
+
+
 class ExcavatorPayloadOptions(Settings):
     """Options of ``reset``: what is left out is drawn.
 
@@ -82,7 +86,7 @@ class ExcavatorPayloadOptions(Settings):
 
     scenario: Literal["random", "cycle"] = "random"
     payload: float | None = Field(None, ge=0.0, le=350.0)
-    payload_offset: tuple[float, float] | None = None
+    payload_offset: tuple[Offset, Offset] | None = None
     friction_scale: float | None = Field(None, ge=0.0, le=5.0)
     waypoints: tuple[Angles, ...] | None = None
     arrival_times: tuple[float, ...] | None = None

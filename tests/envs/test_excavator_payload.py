@@ -329,3 +329,16 @@ def test_a_frame_shows_the_bucket_and_its_load() -> None:
         env.close()
     left = frames[0].shape[1] * 2 // 3
     assert (frames[0][:, :left] != frames[1][:, :left]).any()  # in the picture, not only in the panel
+
+
+@pytest.mark.parametrize("offset", [(0.0, 1e300), (1.1, 0.0), (0.0, -2.0), (math.nan, 0.0)])
+def test_a_payload_outside_of_any_bucket_is_refused(offset: tuple[float, float]) -> None:
+    """Chipmunk aborts the process where such an offset makes a moment of inertia negative."""
+    env = gym.make("ExcavatorPayload-v0", disable_env_checker=True)
+    with pytest.raises(ValueError, match="payload_offset"):
+        env.reset(seed=0, options={"payload": 350.0, "payload_offset": offset})
+    env.reset(seed=0, options={"payload": 350.0, "payload_offset": (1.0, -1.0)})
+    for _ in range(20):
+        observation, reward, *_ = env.step(np.zeros(3, dtype=np.float32))
+        assert np.isfinite(observation).all()
+        assert math.isfinite(float(reward))
