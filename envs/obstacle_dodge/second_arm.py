@@ -50,6 +50,9 @@ ASIDE = 1.0
 TRIES = 1000
 """Postures to try for one that is clear; one that is aimed is given up after half of them."""
 
+BASES = 20
+"""Places of the base to try for one from which there is room for the motion."""
+
 QUINTIC_TOP, QUINTIC_HARDEST = 15.0 / 8.0, 10.0 / math.sqrt(3.0)
 """Top speed and acceleration of the quintic time law of a change 1 within a time 1."""
 
@@ -100,7 +103,10 @@ def _apart(own: Any, other: Any) -> float:
 def _draw_second_arms(draws: Any, arms: Any, first: int, last: int) -> None:
     """Draw the bases and the motions of the second arms, after the ends of the first arm's move have been drawn."""
     for index in range(first, last):
-        draws[index].found = _draw_motion(draws[index], arms[0], np.empty((2, 2)))
+        draws[index].found = _NO_SECOND_ARM
+        for _ in range(BASES):
+            if draws[index].found != _DRAWN:
+                draws[index].found = _draw_motion(draws[index], arms[0], np.empty((2, 2)))
 
 
 DRAW_SECOND_ARM = Kernel(_draw_second_arms, error_model="numpy")

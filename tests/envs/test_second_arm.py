@@ -145,6 +145,14 @@ def test_it_begins_clear_of_the_arm_and_never_rests_at_its_goal() -> None:
             assert apart > TURN_CLEARANCE + 2.0 * arm.link_radius - 1e-3
 
 
+def test_a_base_without_room_for_the_motion_is_drawn_again() -> None:
+    env = made(num_obstacles=1)
+    for seed in (32, 2562):  # the first base of these seeds has none
+        env.reset(seed=seed)
+        task = env.unwrapped.task
+        assert gap(task, task.batch[0]) > 0.0
+
+
 def test_policies_see_discs_that_cover_its_links() -> None:
     env = made(num_obstacles=1, observed_discs=2)
     observation, _ = env.reset(seed=3)
