@@ -18,14 +18,21 @@ from pydantic import AfterValidator, BeforeValidator
 
 from envs.physics.rigid_bodies import whole_multiple
 from envs.uncertainty.kernels import DELAY, FRICTION, LONGEST_DELAY, PLACE_TRUE
+from planners.checks import LARGEST
 from planners.compiled.calls import Kernel
 from planners.robot.arm import Arm
 from planners.typing import Array
 
 
+def _fits(number: Any) -> bool:
+    """Whether it is a number of at most `LARGEST`; NaN is not."""
+    size: Any = abs(number) if isinstance(number, Real) else math.inf
+    return bool(size <= LARGEST)
+
+
 def _number_or_range(value: Any) -> Any:
     numbers = value if isinstance(value, list | tuple) and len(value) == 2 else [value]
-    if not all(isinstance(number, Real) and math.isfinite(number) for number in numbers):
+    if not all(_fits(number) for number in numbers):
         raise ValueError("must be a finite number, or a range [low, high] of them")
     if numbers[0] > numbers[-1]:
         raise ValueError(f"a range is [low, high]; turn it round: [{numbers[1]:g}, {numbers[0]:g}]")

@@ -225,3 +225,10 @@ def test_a_task_without_a_camera_has_no_camera_noise() -> None:
 def test_the_closed_form_refuses_what_it_does_not_know() -> None:
     with pytest.raises(ValueError, match='physics "closed_form" has no mass_error'):
         gym.make("MinTorqueMove-v0", physics="closed_form", mass_error=0.1)
+
+
+@pytest.mark.parametrize("speed", [10**400, [0.1, 10**400], 1e200, float("nan")])
+def test_a_number_beyond_what_a_float_holds_is_refused_by_name(speed: object) -> None:
+    env = gym.make("ConveyorTrack-v0", disable_env_checker=True)
+    with pytest.raises(ValueError, match="belt_speed"):
+        env.reset(seed=0, options={"belt_speed": speed})
