@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any
 
 _functions: Any = import_module("numba.core.types.functions")
-_find: Any = _functions.BaseFunction.get_call_type
+_find: Any = getattr(getattr(_functions, "BaseFunction", None), "get_call_type", None)
 _found: dict[Any, Any] = {}
 
 
@@ -35,4 +35,5 @@ def _remember(function: Any, context: Any, args: tuple[Any, ...], kws: dict[str,
     return signature
 
 
-_functions.BaseFunction.get_call_type = _remember
+if _find is not None:
+    _functions.BaseFunction.get_call_type = _remember

@@ -79,7 +79,8 @@ def packages(tmp_path: Path) -> Path:
 
 def run(packages: Path, code: str, *arguments: str, **environment: str) -> list[list[str]]:
     paths = os.pathsep.join(str(packages / name) for name in ("", "mine", "plain"))
-    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **environment}
+    inherited = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
+    environment = {**inherited, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **environment}
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
         cwd=packages,
