@@ -211,7 +211,7 @@ def test_shipped_configs_give_the_same_weights_twice(name: str, tmp_path: Path) 
         "epochs=2",
         "checkpoint_steps=1600",
     ]
-    changes += ["evaluation_episodes=2", f"baselines=[{config.baselines[-1]}]"]
+    changes += ["evaluation_episodes=3", f"baselines=[{config.baselines[-1]}]"]
     if config.warm_start is not None:
         changes += ["warm_start.episodes=4", "warm_start.rounds=2", "warm_start.updates=20"]
     if config.amortise is not None:
@@ -328,7 +328,7 @@ def test_discounted_returns() -> None:
 def test_shipped_configs_can_begin(name: str, tmp_path: Path) -> None:
     config = load_config(name, TrainingConfig)
     assert name.removeprefix("ppo/").removesuffix("-forecasts") == config.env
-    few = ["total_steps=1", "evaluation_episodes=2", "num_envs=2", "rollout_steps=4", "batch_size=8"]
+    few = ["total_steps=1", "evaluation_episodes=3", "num_envs=4", "rollout_steps=4", "batch_size=8"]
     few += ["baselines=[random]"]
     few += ["forecasts.episodes=4", "forecasts.updates=2"] if config.forecasts else []
     assert main(["train", name, *few, "warm_start=null", "amortise=null", "--seed", "1", "--out", str(tmp_path)]) == 0
