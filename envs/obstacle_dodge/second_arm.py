@@ -103,10 +103,10 @@ def _apart(own: Any, other: Any) -> float:
 def _draw_second_arms(draws: Any, arms: Any, first: int, last: int) -> None:
     """Draw the bases and the motions of the second arms, after the ends of the first arm's move have been drawn."""
     for index in range(first, last):
-        draws[index].found = _NO_SECOND_ARM
         for _ in range(BASES):
-            if draws[index].found != _DRAWN:
-                draws[index].found = _draw_motion(draws[index], arms[0], np.empty((2, 2)))
+            draws[index].found = _draw_motion(draws[index], arms[0], np.empty((2, 2)))
+            if draws[index].found == _DRAWN:
+                break
 
 
 DRAW_SECOND_ARM = Kernel(_draw_second_arms, error_model="numpy")

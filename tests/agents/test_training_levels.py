@@ -90,12 +90,12 @@ def test_a_batch_of_one_level_begins_the_episodes_of_the_plain_environment() -> 
         ended = np.zeros(4, dtype=bool)
         while not ended.any():
             observations, rewards, terminated, truncated, infos = env.step(actions)
-            same, paid, *_, told = plain.step(actions)
+            same, paid, *_, expected_infos = plain.step(actions)
             np.testing.assert_array_equal(rewards, paid)
             ended = terminated | truncated
         assert (infos["_final_obs"] == ended).all()
         for index in np.flatnonzero(ended):
-            np.testing.assert_array_equal(infos["final_obs"][index], told["final_obs"][index])
+            np.testing.assert_array_equal(infos["final_obs"][index], expected_infos["final_obs"][index])
             assert not np.array_equal(observations[index], same[index])  # the plain one goes on without the level
 
 

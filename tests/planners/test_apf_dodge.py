@@ -111,7 +111,7 @@ def test_accelerations_velocities_and_torques_keep_the_limits(
     assert (np.abs(tau) <= 1.002 * np.array(LIMITS.torque)).all()
 
 
-def told(place: Array, forecast: Array | None) -> Array:
+def decision(place: Array, forecast: Array | None) -> Array:
     """The field's decision with a standing disc, and with a forecast of it."""
     return dodge_accelerations(
         ARM,
@@ -131,12 +131,12 @@ def told(place: Array, forecast: Array | None) -> Array:
 def test_the_field_dodges_by_where_a_disc_is_said_to_be() -> None:
     steps, beside, way = look_ahead_steps(tuned_gains()), np.array([-0.6, -0.3]), ARM.forward_kinematics([0.2, 1.2])
     assert steps * STEP == pytest.approx(tuned_gains().horizon)
-    free, blocked = told(beside, np.broadcast_to(FAR, (1, steps, 1, 2))), told(way, None)
+    free, blocked = decision(beside, np.broadcast_to(FAR, (1, steps, 1, 2))), decision(way, None)
     assert not np.allclose(free, blocked)
-    np.testing.assert_array_equal(told(way, np.broadcast_to(FAR, (1, steps, 1, 2))), free)
-    np.testing.assert_array_equal(told(beside, np.broadcast_to(way, (1, steps, 1, 2))), blocked)
+    np.testing.assert_array_equal(decision(way, np.broadcast_to(FAR, (1, steps, 1, 2))), free)
+    np.testing.assert_array_equal(decision(beside, np.broadcast_to(way, (1, steps, 1, 2))), blocked)
     with pytest.raises(ValueError, match="shape"):
-        told(way, np.zeros((1, steps + 1, 1, 2)))
+        decision(way, np.zeros((1, steps + 1, 1, 2)))
 
 
 @settings(max_examples=25, deadline=None)

@@ -91,9 +91,9 @@ def dodge_accelerations(
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
     base, sizes, qdd = arm.base_array, _shaped(radii, (rows, discs)), np.empty_like(angles)
     room = escape_room() if discs > 1 or forecast is not None else None
-    told = None
+    expected = None
     if forecast is not None:
-        told = _shaped(forecast, (rows, len(instants), discs, 2)) - base
+        expected = _shaped(forecast, (rows, len(instants), discs, 2)) - base
     _dodge_batch(
         body,
         values,
@@ -109,7 +109,7 @@ def dodge_accelerations(
         period,
         qdd,
         room,
-        told,
+        expected,
     )
     return qdd
 
@@ -143,11 +143,11 @@ def _dodge_batch(
     period: float,
     qdd: Array,
     room: Array | None,
-    told: Array | None,
+    expected: Array | None,
 ) -> None:
     """Fill in the accelerations of every row; without ``room`` for it, the escape is not compiled.
 
-    Where the places of the discs are ``told``, they are not predicted.
+    Where the places of the discs are given, ``expected``, they are not predicted.
     """
     state, discs = states[0], radii.shape[1]
     places, trends = np.empty((instants.shape[0], discs, 2)), np.empty((discs, 4))
@@ -160,8 +160,8 @@ def _dodge_batch(
         else:
             goal_postures(body, q[row], goal[row, 0], goal[row, 1], state.postures)
             _choose_elbow(body, gains, state, record)
-            if told is not None:
-                places[:] = told[row]
+            if expected is not None:
+                places[:] = expected[row]
             else:
                 predict_discs(gains, instants, positions[row], trends, places)
             scene = DodgeScene(body, gains, state, instants, places, radii[row])
