@@ -19,12 +19,15 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from agents.console import COMPILING
 from agents.play.session import Message, Session, catalogue
 from envs.rendering.document import palette_document
 
 HOST = "127.0.0.1"
 FRAMES = 40
 """Frames a second."""
+PATIENCE = 1.0
+"""Time between two messages that say what a page is waiting for, s."""
 LONGEST_MESSAGE = 10_000
 """Characters of a message that a page may send."""
 
@@ -35,6 +38,7 @@ _FILES = {
     "scene.js": ("agents.pages", "scene.js"),
     "style.css": ("agents.pages", "style.css"),
 }
+_Advanced = tuple[list[dict[str, Any]], dict[str, Any]]  # answers, and the frame
 _HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'",
@@ -125,7 +129,9 @@ class _Page:
         try:
             while True:
                 began = loop.time()
-                answers, frame = await loop.run_in_executor(self._thread, self._advance, began - last, self._messages())
+                answers, frame = await self._explain_waiting(
+                    loop.run_in_executor(self._thread, self._advance, began - last, self._messages())
+                )
                 last = began
                 for answer in answers:
                     await self._socket.send_json(answer)
@@ -135,6 +141,15 @@ class _Page:
                 await asyncio.sleep(max(0.0, began + 1.0 / FRAMES - loop.time()))
         except (WebSocketDisconnect, RuntimeError):  # sending to a page that has gone
             return
+
+    async def _explain_waiting(self, advancing: asyncio.Future[_Advanced]) -> _Advanced:
+        """Wait for the page's thread; every second the page is sent what it is waiting for."""
+        compiled = COMPILING.functions
+        while not (await asyncio.wait({advancing}, timeout=PATIENCE))[0]:
+            count = COMPILING.functions - compiled
+            text = f"Compiling, once: {count} functions so far. Later runs load them." if count else "Computing …"
+            await self._socket.send_json({"kind": "wait", "text": text})
+        return advancing.result()
 
     def _find_bound(self) -> None:
         """Compute the best known value in another thread, and send it if the page still plays that episode."""
@@ -159,7 +174,7 @@ class _Page:
             latest[key] = message
         return list(latest.values())
 
-    def _advance(self, seconds: float, messages: list[Message]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    def _advance(self, seconds: float, messages: list[Message]) -> _Advanced:
         """In the page's thread: take messages, advance, and give answers and the frame."""
         answers = []
         for message in messages:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 import pytest
@@ -13,18 +17,26 @@ import pytest
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    command = [sys.executable, "-m", "agents.cli", "play", "--no-browser", "--policies", "dpct", "lagrange"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+@contextmanager
+def playing(*arguments: str, **environment: str) -> Iterator[tuple[str, int]]:
+    """A server: its address and process. Ctrl-C must end it without a word."""
+    command = [sys.executable, "-m", "agents.cli", "play", "--no-browser", *arguments]
+    environ = {**os.environ, **environment}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environ) as server:
         assert server.stdout is not None
         line = server.stdout.readline()
         assert line.startswith("playing at http://127.0.0.1:")
-        yield line.split()[2]
+        yield line.split()[2], server.pid
         server.send_signal(signal.SIGINT)
         out, errors = server.communicate(timeout=10)
         assert (server.returncode, out) == (130, "")
         assert all(line.startswith("compiling, once") for line in errors.splitlines()), errors
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with playing("--policies", "dpct", "lagrange") as (address, _):
+        yield address
 
 
 @pytest.fixture
@@ -88,7 +100,7 @@ def test_arm_part_belt_and_gauges_are_drawn(page: Any) -> None:
 
 def test_verdicts_stand_beside_the_bound_and_the_next_seed_follows(page: Any) -> None:
     page.wait_for_function("document.querySelector('.verdict').textContent.includes('best known')", timeout=20_000)
-    assert "settled at 1.76 s (best known 1.73)" in page.locator(".verdict").first.text_content()
+    assert "settled at 1.72 s (best known 1.7)" in page.locator(".verdict").first.text_content()
     page.wait_for_function("document.getElementById('seed').value === '1'", timeout=10_000)
 
 
@@ -170,3 +182,34 @@ def test_other_sites_may_not_connect(browser: Any, address: str) -> None:
     )
     assert closed in (1006, 1008)
     page.close()
+
+
+def test_a_page_says_that_it_waits_for_the_compiler(browser: Any, tmp_path: Path) -> None:
+    with playing("MinTorqueMove-v0", "--policies", "follower", NUMBA_CACHE_DIR=str(tmp_path)) as (address, _):
+        page = browser.new_page(bypass_csp=True)
+        page.goto(address)
+        page.wait_for_function("document.getElementById('wait').textContent.startsWith('Compiling, once: ')")
+        page.wait_for_function("document.querySelectorAll('canvas').length === 1", timeout=120_000)
+        page.wait_for_function("document.getElementById('wait').textContent === ''")
+        page.close()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in /proc")
+def test_nothing_is_left_of_a_page_that_is_closed(browser: Any) -> None:
+    with playing("MinTorqueMove-v0", "--policies", "follower") as (address, process):
+
+        def threads() -> int:
+            return len(list(Path(f"/proc/{process}/task").iterdir()))
+
+        def visit() -> int:
+            """Threads after a page was open."""
+            for page in opened(browser, address):
+                while_open = threads()
+                page.keyboard.press("n")
+            deadline = monotonic() + 10.0
+            while threads() >= while_open and monotonic() < deadline:
+                sleep(0.05)
+            return threads()
+
+        first = visit()
+        assert [visit() for _ in range(3)] == [first] * 3

@@ -29,14 +29,21 @@ const socket = new WebSocket(`ws://${location.host}/play`);
 const send = (message) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message));
 const overlaid = () => at("ghosts").getAttribute("aria-pressed") === "true" && episode.choice.policies.length > 1;
 
-socket.addEventListener("close", () => note("The server has ended: start planarm play again, and load this page anew."));
+socket.addEventListener("close", () => {
+  at("wait").textContent = "";
+  note("The server has ended: start planarm play again, and load this page anew.");
+});
 socket.addEventListener("message", ({ data }) => {
   const message = JSON.parse(data);
   if (message.kind === "welcome") welcome(message);
   else if (message.kind === "episode") begin(message);
   else if (message.kind === "error") note(message.text);
   else if (message.kind === "bound") bound = message.text;
-  else frame = message;
+  else if (message.kind === "wait") at("wait").textContent = message.text;
+  else {
+    frame = message;
+    if (frame.policies.length) at("wait").textContent = "";
+  }
 });
 
 function note(text) {
@@ -78,6 +85,7 @@ function begin(message) {
   fill(at("arm"), options(task.arms, "the task's own"), choice.arm);
   fill(at("scenario"), options(task.scenarios, "random"), choice.scenario);
   at("arm").disabled = task.arms.length === 0;
+  at("ghosts").disabled = choice.policies.length === 1;
   if (!before || before.env !== choice.env || before.policies.join() !== choice.policies.join() || before.arm !== choice.arm) {
     shown = 0;
     makePolicies(task, choice);
@@ -114,6 +122,7 @@ function makeViews() {
   const { policies } = episode.choice;
   const count = overlaid() ? 1 : policies.length;
   at("stage").style.setProperty("--columns", count);
+  at("stage").style.setProperty("--tall", ["64vh", "48vw", "32vw"][count - 1]); // a narrow picture is about as tall as it is wide
   views = policies.slice(0, count).map((_, index) => makeView(index));
   at("stage").replaceChildren(...views.map((each) => each.card));
 }
