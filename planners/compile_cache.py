@@ -34,6 +34,7 @@ OURS = ("planners", "envs")
 """Packages with compiled functions, beside each other, that others may call."""
 
 _ROOT = Path(__file__).parent.parent
+_OWN = tuple(f"{_ROOT / name}{os.sep}" for name in OURS)
 _LIBRARY = {"site-packages", "dist-packages", Path(sysconfig.get_path("stdlib")).name}
 _COMMENT = re.compile(rb"#[^\n]*")
 _IMPORT = re.compile(
@@ -220,7 +221,7 @@ def _reached_from(file: str) -> frozenset[str]:
 
 
 def _is_ours(file: str) -> bool:
-    return any(Path(file).is_relative_to(_ROOT / name) for name in OURS)
+    return str(Path(file)).startswith(_OWN)
 
 
 def _imports(path: Path, content: bytes) -> Iterator[str]:
@@ -231,13 +232,13 @@ def _imports(path: Path, content: bytes) -> Iterator[str]:
     package = path.parent.relative_to(base).parts
     for module, names, plain in _IMPORT.findall(_COMMENT.sub(b"", content)):
         for one in plain.decode(errors="replace").split(","):
-            yield from _files(one.split(" as ")[0].split(), base, package)
+            yield from _files(one.split(" as ")[0].split(), str(base), package)
         if module:
             listed = re.sub(r"\bas\s+\w+", "", names.decode(errors="replace"))
-            yield from _files([module.decode(), *re.findall(r"\w+", listed)], base, package)
+            yield from _files([module.decode(), *re.findall(r"\w+", listed)], str(base), package)
 
 
-def _files(imported: list[str], base: Path, package: tuple[str, ...]) -> Iterator[str]:
+def _files(imported: list[str], base: str, package: tuple[str, ...]) -> Iterator[str]:
     """Files of ``[module]`` imported plainly, or ``[module, *names]`` imported from it, in a file of a package."""
     if not imported:
         return
@@ -245,23 +246,29 @@ def _files(imported: list[str], base: Path, package: tuple[str, ...]) -> Iterato
     dots = len(imported[0]) - len(name)
     parts = (*package[: len(package) + 1 - dots], *name.split(".")) if dots else tuple(name.split("."))
     for root in _roots(base, parts[0] if parts else "", package):
-        place = root.joinpath(*(part for part in parts if part))
-        found = [file for name in imported[1:] for file in _module(place / name)]
+        place = os.path.join(root, *(part for part in parts if part))
+        names = imported[1:] if os.path.isdir(place) else []
+        found = [file for name in names for file in _module(os.path.join(place, name))]
         whole = [] if found and len(found) == len(imported) - 1 else _module(place)
         if found or whole:
             yield from [*found, *whole]
             return
 
 
-def _roots(base: Path, top: str, package: tuple[str, ...]) -> Iterator[Path]:
+def _roots(base: str, top: str, package: tuple[str, ...]) -> Iterator[str]:
     """Folders in which a module of the user's or of these packages may lie; libraries are not followed."""
     if top in OURS:
-        yield _ROOT
+        yield str(_ROOT)
         return
-    if top in package[:1] or not _LIBRARY & set(base.parts):
+    if top in package[:1] or not _in_library(base):
         yield base
-    yield from (Path(entry) for entry in sys.path if entry and not _LIBRARY & set(Path(entry).parts))
+    yield from (entry for entry in sys.path if entry and not _in_library(entry))
 
 
-def _module(place: Path) -> list[str]:
-    return [str(one) for one in (place / "__init__.py", place.with_suffix(".py")) if one.is_file()][:1]
+@cache
+def _in_library(folder: str) -> bool:
+    return bool(_LIBRARY & set(Path(folder).parts))
+
+
+def _module(place: str) -> list[str]:
+    return [one for one in (os.path.join(place, "__init__.py"), f"{place}.py") if os.path.isfile(one)][:1]
