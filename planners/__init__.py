@@ -5,7 +5,8 @@ effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerati
 """
 
 import planners.compile_cache
-import planners.compiled.operators  # noqa: F401  (both before any compiled function)
+import planners.compiled.economy
+import planners.compiled.operators  # noqa: F401  (before any compiled function)
 from planners import apf, control, dpct, lagrange, quintic, trapezoid
 from planners.capabilities import plan, register
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
