@@ -6,6 +6,7 @@ import io
 import os
 import re
 import shutil
+import signal
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -71,6 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     A command's ``run`` raises a ValueError for anything unknown or impossible, and a ModuleNotFoundError or
     DependencyNotInstalled that names the missing extra, before its first episode or training step.
     """
+    if arguments is None and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # while the package was imported
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     code = _answer(list(sys.argv[1:] if arguments is None else arguments))
     if arguments is None and code > 128:  # interrupted: without the second that torch takes to tidy up
         with suppress(OSError):

@@ -3,12 +3,21 @@
 Those packages have common names: importing this one raises an ImportError where Python finds others than planarm's.
 """
 
+import signal
 import sys
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planarm.names import check_names
+_RUN_AS = ("planarm", "-mplanarm") if sys.argv[0] == "-m" else (sys.argv[0],) * (Path(sys.argv[0]).stem == "planarm")
+IS_COMMAND = any(name in sys.orig_argv for name in _RUN_AS)
+"""Whether this process is the `planarm` command; not one that a command has started."""
+
+if IS_COMMAND and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # Until the command runs, Ctrl-C ends it without the traceback of an import.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+from planarm.names import check_names  # noqa: E402
 
 if TYPE_CHECKING:
     import agents as agents
@@ -20,7 +29,7 @@ __all__ = ["agents", "envs", "planners"]
 try:
     check_names()
 except ImportError as error:
-    if Path(sys.argv[0]).stem not in ("planarm", "-m"):
+    if not IS_COMMAND:
         raise
     print(f"planarm: {error}", file=sys.stderr)  # the command: a sentence, no traceback
     sys.exit(2)

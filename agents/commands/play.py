@@ -11,7 +11,7 @@ import tyro
 import uvicorn
 
 import envs
-from agents.console import INTERRUPTED, say
+from agents.console import INTERRUPTED, catch_interrupt, say
 from agents.environments import check_seed, import_env
 from agents.play.server import HOST, application, open_socket
 from agents.play.session import Choice, Message, Session
@@ -72,6 +72,6 @@ def run(options: PlayOptions) -> int:
     say(f"playing at {address} (Ctrl-C ends it)")
     if options.browser:
         webbrowser.open(address)
-    with listening, suppress(KeyboardInterrupt):
+    with listening, suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts:
         uvicorn.Server(config).run(sockets=[listening])
-    return INTERRUPTED
+    return (interrupts or [INTERRUPTED])[0]

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -198,3 +202,16 @@ def test_episodes_that_do_not_fit_are_not_taken_over(env: Any, other: Any, compl
     tasks: list[Any] = [gym.make(name, **settings).unwrapped for name, settings in (env, other)]
     with pytest.raises(ValueError, match=complaint):
         tasks[0].task.take_over(tasks[1].task)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends the signals of a shell")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_command_with_its_exit_code(number: signal.Signals, code: int) -> None:
+    command = [sys.executable, "-m", "planarm", "play", "MinTorqueMove-v0", "--policies", "follower", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith("playing at ")
+        server.send_signal(number)
+        _, said = server.communicate(timeout=20)
+    assert server.returncode == code
+    assert "Traceback" not in said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -86,6 +87,16 @@ def test_an_environment_is_made_without_an_import() -> None:
 
 def test_the_command_is_a_module_too(site: Path) -> None:
     assert python(site, "-m", "planarm", "--version").stdout == f"planarm {agents.__version__}\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends the signal of Ctrl-C")
+def test_an_interrupt_while_the_command_begins_ends_it_without_a_traceback(site: Path) -> None:
+    (site / "planarm" / "names.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    arguments = "import os, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    command = python(site, "-c", f"{arguments}os.execv({sys.executable!r}, ['python', '-m', 'planarm', 'list'])")
+    assert (command.returncode, command.stdout, command.stderr) == (-signal.SIGINT, "", "")
+    imported = python(site, "-c", f"{arguments}import planarm")
+    assert imported.stderr.endswith("KeyboardInterrupt\n")
 
 
 @pytest.mark.parametrize("name", ["envs/__init__.py", "planners.py", "agents/__init__.py"])
