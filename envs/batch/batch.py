@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from envs.arms import require_inertia
 from envs.batch.pool import NO_PURPOSE, RESTING, Words, job_of, work, work_on_all
 from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
-from envs.batch.state import Episodes, State, rows
+from envs.batch.state import Episodes, State, make_state, rows
 from envs.physics.episode import EntryPoint
 from envs.physics.rigid_bodies import NoWorld, World
 from planners import Arm
@@ -124,8 +124,14 @@ class Batch:
 
     def save(self, settings: dict[str, Any], episodes: Episodes | None) -> State:
         """The state of all environments, which have these settings."""
-        physics = self.world.save().tobytes()
-        return State(settings, len(self.records), self._bytes.tobytes(), physics, tuple(self._tables), episodes)
+        return make_state(
+            settings=settings,
+            count=len(self.records),
+            records=self._bytes.tobytes(),
+            physics=self.world.save().tobytes(),
+            tables=tuple(self._tables),
+            episodes=episodes,
+        )
 
     def load(self, state: State) -> None:
         """Continue from a state that fits.

@@ -34,9 +34,11 @@ class Episodes(NamedTuple):
         return self._replace(over=self.over * count, randoms=self.randoms * count, trails=self.trails * count)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class State:
     """What `get_state` returns and `set_state` continues from, to the bit; its contents are no public names.
+
+    Nobody else can make one, or another one with other contents: compiled code trusts the numbers in its records.
 
     Attributes:
         settings: what an environment must have in common with the one that the state is from, by name.
@@ -52,7 +54,7 @@ class State:
     records: bytes = field(repr=False)
     physics: bytes = field(repr=False)
     tables: tuple[bytes, ...] = field(repr=False)
-    episodes: Episodes | None = field(default=None, repr=False)
+    episodes: Episodes | None = field(repr=False)
 
     def require_fit(self, settings: Mapping[str, Any], count: int) -> None:
         """Raise a ValueError, which names what differs, if an environment with these settings cannot continue it."""
@@ -63,6 +65,13 @@ class State:
                 f"the state is that of {self.count} environments, here are {count}; "
                 "give the state of as many, or of a single environment for all of them"
             )
+
+
+def make_state(**contents: Any) -> State:
+    """A state, of all of its attributes by name."""
+    state = object.__new__(State)
+    state.__dict__.update(contents)
+    return state
 
 
 def checked_state(state: Any) -> State:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -162,6 +163,20 @@ def test_what_is_no_state_of_it_is_refused() -> None:
     object.__setattr__(damaged, "physics", damaged.physics[:-8])
     with pytest.raises(ValueError, match="damaged"):
         env.set_state(damaged)
+
+
+def test_nobody_can_make_a_state_of_other_contents() -> None:
+    """Compiled code takes places in arrays from the records of a state."""
+    state = moved(made("ExcavatorPayload-v0")).unwrapped.get_state()
+    contents = {each.name: getattr(state, each.name) for each in dataclasses.fields(state)}
+    for attempt in (
+        lambda: dataclasses.replace(state, records=bytes(len(state.records))),
+        lambda: type(state)(**contents),
+        lambda: setattr(state, "records", b""),
+    ):
+        with pytest.raises((TypeError, dataclasses.FrozenInstanceError)):
+            attempt()
+    assert pickle.loads(pickle.dumps(state)) == copy.deepcopy(state) == state
 
 
 def test_bodies_alone_cannot_be_copied() -> None:
