@@ -1,4 +1,4 @@
-"""Checks of what users hand to an environment: actions and limits on the length of an episode."""
+"""Checks of what users hand to an environment: actions, seeds, options, limits on the length of an episode."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
             f"expected an action of shape {shape}, found shape {actions.shape}; "
             + ("give one row of numbers per environment" if len(shape) == 2 else f"give {shape[0]} numbers")
         )
-    numbers: Array = np.ascontiguousarray(actions, dtype=np.float64)
+    with np.errstate(over="ignore"):  # of a longer type: found below
+        numbers: Array = np.ascontiguousarray(actions, dtype=np.float64)
     if resting is not None:
         numbers = np.where(resting[:, None], 0.0, numbers)
     if not np.isfinite(numbers).all():
@@ -64,6 +65,35 @@ def checked_count(name: str, value: Any, hint: str = "") -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} {value!r} must be a whole number of at least 1{hint}")
     return int(value)
+
+
+def checked_seed(seed: Any) -> int | None:
+    """A seed as a whole number of Python; None as it is.
+
+    Raises:
+        ValueError: for anything but a whole number of at least 0.
+    """
+    if seed is None:
+        return None
+    if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"seed {_shown(seed)} must be a whole number of at least 0")
+    return int(seed)
+
+
+def checked_seeds(seeds: Any, count: int) -> list[int | None]:
+    """A seed for each of so many environments: from one each, or seed + i from a single one.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(seeds, np.ndarray):
+        seeds = seeds.tolist()
+    if isinstance(seeds, Sequence) and not isinstance(seeds, str | bytes):
+        if len(seeds) != count:
+            raise ValueError(f"{len(seeds)} seeds for {count} environments; give one int, or one seed per environment")
+        return [checked_seed(seed) for seed in seeds]
+    first = checked_seed(seeds)
+    return [None if first is None else first + env_index for env_index in range(count)]
 
 
 def checked_mode(mode: Any) -> AutoresetMode:

@@ -19,7 +19,7 @@ from envs.batch.exclusive import exclusive, refuse_second
 from envs.batch.records import reader
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
 from envs.card import load
-from envs.checks import checked_actions, checked_options, time_limit_of, untouched_when_refused
+from envs.checks import checked_actions, checked_options, checked_seed, time_limit_of, untouched_when_refused
 from envs.infos import Info, TaskInfos
 from envs.observation import Observation
 from envs.physics.actuation import LIMIT_KINDS
@@ -146,6 +146,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             ValueError: for options that are refused; the episode and the random numbers go on as if not called.
         """
         self._require_open()
+        seed = checked_seed(seed)
         generator, used_seed = (self.np_random, self.np_random_seed) if seed is None else seeding.np_random(seed)
         with untouched_when_refused([generator]):
             self.task.reset_envs([0], [generator], checked_options(options))
@@ -277,7 +278,7 @@ def make_task(task_type: type[Any] | str, config: Info, num_envs: int, render_mo
     The message about an unknown setting has Python's own words for it too: clients that probe what an environment takes
     look for them.
     """
-    refuse_unknown([render_mode] if render_mode else [], metadata["render_modes"], "render mode")
+    refuse_unknown([] if render_mode is None else [render_mode], metadata["render_modes"], "render mode")
     kind: Any = load(task_type) if isinstance(task_type, str) else task_type
     for name in config:
         try:

@@ -21,6 +21,7 @@ from envs.checks import (
     checked_count,
     checked_mode,
     checked_options,
+    checked_seeds,
     checked_time_limit,
     untouched_when_refused,
 )
@@ -237,14 +238,7 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
 
     def _seeded(self, seed: int | Sequence[int | None] | None, chosen: list[int]) -> list[np.random.Generator]:
         """The generators of all environments, those of the chosen ones seeded again if seeds are given."""
-        if isinstance(seed, (int, np.integer)):
-            seeds: Sequence[int | None] = [int(seed) + env_index for env_index in range(self.num_envs)]
-        else:
-            seeds = [None] * self.num_envs if seed is None else seed
-        if len(seeds) != self.num_envs:
-            raise ValueError(
-                f"{len(seeds)} seeds for {self.num_envs} environments; give one int, or one seed per environment"
-            )
+        seeds = checked_seeds(seed, self.num_envs)
         if not self._generators:
             return [seeding.np_random(one)[0] for one in seeds]
         generators = list(self._generators)

@@ -43,7 +43,8 @@ def require_finite(name: str, value: float, unit: str = "", sign: Sign = "", mos
     """Raise ValueError if a number is not finite, is larger than ``most``, or does not have the sign."""
     if not is_number(value):
         raise ValueError(f"{name} {value!r:.80} must be a finite number")
-    if not _LEAST[sign] <= value <= most or value < -most:
+    size = float(value)  # a float32 cannot be compared with LARGEST
+    if not _LEAST[sign] <= size <= most or size < -most:
         _refuse(f"{name} {value} {unit}".rstrip(), sign, most if math.isfinite(value) else math.inf)
 
 

@@ -36,7 +36,7 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
     kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     for kind in kinds:
         if _fits(value, kind):
-            if kind in (float, int) and LARGEST < abs(value) < math.inf:
+            if kind in (float, int) and LARGEST < abs(float(value)) < math.inf:
                 raise ValueError(f"option {name} {value} must be at most {LARGEST:g}")
             return kind(value) if kind in (float, int, bool) else value
     raise ValueError(f"option {name} {value!r:.80} must be {' or '.join(map(_said, kinds))}")

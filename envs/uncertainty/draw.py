@@ -7,10 +7,8 @@ critics; a policy does not observe it, and `Task.arm` stays the nominal arm.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from numbers import Real
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator
 
 from envs.physics.rigid_bodies import whole_multiple
 from envs.uncertainty.kernels import DELAY, FRICTION, LONGEST_DELAY, PLACE_TRUE
-from planners.checks import LARGEST
+from planners.checks import LARGEST, is_number
 from planners.compiled.calls import Kernel
 from planners.robot.arm import Arm
 from planners.typing import Array
@@ -26,8 +24,7 @@ from planners.typing import Array
 
 def _fits(number: Any) -> bool:
     """Whether it is a number of at most `LARGEST`; NaN is not."""
-    size: Any = abs(number) if isinstance(number, Real) else math.inf
-    return bool(size <= LARGEST)
+    return is_number(number) and abs(float(number)) <= LARGEST
 
 
 def _number_or_range(value: Any) -> Any:

@@ -28,6 +28,7 @@ BAD_ACTIONS = [
     (np.zeros(2, dtype=bool), "of type bool"),
     (np.zeros(2, dtype=complex), "of type complex128"),
     ([0.5, math.nan], r"action \[0.5, nan\] \(environment 0\) is not finite"),
+    (np.full(2, np.finfo(np.longdouble).max), "is not finite"),
     ([math.inf, 0.5], r"action \[inf, 0.5\] \(environment 0\) is not finite"),
 ]
 
@@ -113,13 +114,28 @@ def test_options_refused_after_random_draws_leave_the_random_numbers() -> None:
         assert whole_state(env) == before
 
 
-def test_a_refused_seed_leaves_the_random_numbers() -> None:
+BAD_SEEDS = [-1, 2.0, np.float32(1.0), "3", b"34", True, {1, 2}, [3, -1], [3, 4.0], ["a", None], np.array([1.0, 2.0])]
+
+
+@pytest.mark.parametrize("seed", BAD_SEEDS, ids=str)
+def test_a_refused_seed_leaves_the_random_numbers(seed: Any) -> None:
+    for env in (gym.make("MinTorqueMove-v0").unwrapped, gym.make_vec("MinTorqueMove-v0", num_envs=2)):
+        env.reset(seed=0)
+        before = whole_state(env)
+        with pytest.raises(ValueError, match=r"seed .* must be a whole number of at least 0"):
+            env.reset(seed=seed)
+        assert whole_state(env) == before
+
+
+def test_seeds_are_whole_numbers_of_any_kind() -> None:
+    single = gym.make("MinTorqueMove-v0").unwrapped
     vector = gym.make_vec("MinTorqueMove-v0", num_envs=2)
-    vector.reset(seed=0)
-    before = whole_state(vector)
-    with pytest.raises((ValueError, gym.error.Error)):
-        vector.reset(seed=[3, -1])
-    assert whole_state(vector) == before
+    for seed in (np.int64(254), np.uint8(254)):
+        assert (single.reset(seed=seed)[0] == single.reset(seed=254)[0]).all()
+        assert single.np_random_seed == 254
+    wanted = vector.reset(seed=[254, 255])[0]
+    for seeds in (np.uint8(254), np.array([254, 255], np.uint8), (254, np.int16(255)), range(254, 256)):
+        assert (vector.reset(seed=seeds)[0] == wanted).all()
 
 
 @every_env

@@ -217,6 +217,14 @@ def test_what_cannot_be_is_refused(settings: dict[str, Any], message: str) -> No
         gym.make("ConveyorTrack-v0", **settings)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, np.array])
+def test_numbers_of_numpy_are_settings_and_options(kind: Any) -> None:
+    settings = {"payload": [kind(0), kind(2)], "mass_error": kind(0), "camera_noise": kind(0)}
+    env = gym.make("ConveyorTrack-v0", **settings, disable_env_checker=True)
+    env.reset(seed=0, options={"belt_speed": np.float32(0.25)})
+    assert env.unwrapped.task.config.payload == (0.0, 2.0)  # type: ignore[attr-defined]
+
+
 def test_a_task_without_a_camera_has_no_camera_noise() -> None:
     with pytest.raises(ValueError, match="camera_noise"):
         gym.make("MinTorqueMove-v0", camera_noise=1e-3)

@@ -82,6 +82,13 @@ def test_numbers_above_1e100_are_refused_by_name(made: Callable[[float], Any], n
         made(1.1e100)
 
 
+def test_numbers_of_32_bits_are_numbers() -> None:
+    one = np.float32(1.0)
+    given = MotionProblem(ARM.with_payload(one), [0.2, one], GOAL, one, obstacles=(Obstacle([one, one], [0, 0], one),))
+    assert given.horizon == 1.0
+    assert lagrange.plan(problem(), variant="via", margin=np.float32(0.125)).limit_ratio <= 1.0
+
+
 def test_no_limit_is_still_written_as_inf() -> None:
     limits = JointLimits(torque=np.inf, velocity=[1.0, np.inf], angle=[np.inf, (-1.0, 2.0)])
     assert limits.for_joints(2).velocity == (1.0, np.inf)
