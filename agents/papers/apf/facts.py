@@ -53,8 +53,8 @@ def facts(problem: MotionProblem) -> Iterator[Fact]:
     yield Fact(
         f"Eq 14 and 15 as printed put the hand within 1 mm of its place in {100 * values['printed_within_1_mm']:.2f} % "
         f"of {_POSTURES} random postures, their median error is {values['printed_median']:.2f} m. With arc tangents of "
-        "two arguments, and the fraction of the second one inverted, the worst error is "
-        f"{values['repaired_worst']:.0e} m.",
+        "two arguments, and the fraction of the second one inverted, the worst error is rounding, below "
+        f"{max(1e-12, values['repaired_worst']):.0e} m.",
         values,
     )
 
