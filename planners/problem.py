@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,8 +42,39 @@ def limit_broken(reason: str, what: str, ratios: Array, kinds: Sequence[str]) ->
     return Infeasible(reason, message, joint=int(joint), kind=name, ratio=ratio)
 
 
-@dataclass(frozen=True)
-class FixedJoints:
+class ByValue:
+    """Equality and hash of frozen dataclasses that hold arrays: of the same type, with the same values."""
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields have the same values; NaN counts as the same as NaN."""
+        return type(other) is type(self) and _same(_values(self), _values(other))
+
+    def __hash__(self) -> int:
+        return hash(_hashable(_values(self)))
+
+
+def _values(instance: Any) -> tuple[Any, ...]:
+    return tuple(getattr(instance, item.name) for item in fields(instance))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True)
+    if isinstance(one, tuple):
+        return isinstance(other, tuple) and len(one) == len(other) and all(map(_same, one, other))
+    return bool(one == other or (one != one and other != other))
+
+
+def _hashable(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.shape, (value + 0.0).tobytes()  # 0.0 is the same as -0.0
+    if isinstance(value, tuple):
+        return tuple(map(_hashable, value))
+    return None if value != value else value
+
+
+@dataclass(frozen=True, eq=False)
+class FixedJoints(ByValue):
     """Come to rest at joint angles ``q``, ``(n,)``, rad."""
 
     q: Array
@@ -51,9 +83,9 @@ class FixedJoints:
         _freeze(self, q=None)
 
 
-@dataclass(frozen=True)
-class FixedHand:
-    """Come to rest with the hand at ``position``, ``(2,)``, m; three links also need ``orientation``, rad."""
+@dataclass(frozen=True, eq=False)
+class FixedHand(ByValue):
+    """Come to rest with the hand at ``position``, ``(2,)``, m, and the last link at ``orientation``, rad, if given."""
 
     position: Array
     orientation: float | None = None
@@ -65,8 +97,8 @@ class FixedHand:
             object.__setattr__(self, "orientation", float(self.orientation))
 
 
-@dataclass(frozen=True)
-class MovingHand:
+@dataclass(frozen=True, eq=False)
+class MovingHand(ByValue):
     """Meet and follow a point that moves with constant acceleration.
 
     ``position`` (m) and ``velocity`` (m/s) are those at time 0; ``acceleration`` is in m/s^2; each ``(2,)``.
@@ -89,8 +121,8 @@ class MovingHand:
 Target = FixedJoints | FixedHand | MovingHand
 
 
-@dataclass(frozen=True)
-class Obstacle:
+@dataclass(frozen=True, eq=False)
+class Obstacle(ByValue):
     """A disc: ``position`` ``(2,)`` m, ``velocity`` ``(2,)`` m/s, ``radius`` m."""
 
     position: Array
@@ -103,8 +135,8 @@ class Obstacle:
         object.__setattr__(self, "radius", float(self.radius))
 
 
-@dataclass(frozen=True)
-class MotionProblem:
+@dataclass(frozen=True, eq=False)
+class MotionProblem(ByValue):
     """A motion planning problem.
 
     Attributes:

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.problem import ByValue
 from planners.typing import Array
 
 
-@dataclass(frozen=True)
-class DistanceTable:
+@dataclass(frozen=True, eq=False)
+class DistanceTable(ByValue):
     """Shifts of the distance of a moving disc.
 
     Attributes:

@@ -49,7 +49,7 @@ def write_npz(trajectory: Trajectory, path: Path) -> None:
         "format": FORMAT,
         "planner": trajectory.planner,
         "problem": problem_document(trajectory.problem),
-        **{name: _json_number(getattr(trajectory, name)) for name in NUMBERS},
+        **{name: _written(getattr(trajectory, name)) for name in NUMBERS},
     }
     arrays = {f"{name}_{unit}": getattr(trajectory, name) for name, unit in COLUMNS.items()}
     with whole_file(path) as draft, draft.open("wb") as file:
@@ -73,7 +73,7 @@ def read_npz(path: Path) -> dict[str, Any]:
             raise ValueError(f"{odd[0]} holds no numbers")
         if about["format"] != FORMAT:
             raise ValueError(f"format {about['format']}")
-        numbers = {name: math.inf if about[name] is None else float(about[name]) for name in NUMBERS}
+        numbers = {name: _number(about[name]) for name in NUMBERS}
         problem, planner = problem_of(about["problem"]), str(about["planner"])
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise ValueError(
@@ -120,6 +120,11 @@ def _vector(values: Any) -> Array:
     return np.array(values, dtype=float)
 
 
-def _json_number(value: float) -> float | None:
-    """A number that may be inf, as JSON has it."""
-    return value if math.isfinite(value) else None
+def _written(value: float) -> float | str | None:
+    """A number as JSON can hold it: inf is null, and NaN and -inf are texts."""
+    return value if math.isfinite(value) else None if value == math.inf else str(value)
+
+
+def _number(value: Any) -> float:
+    """What `_written` has written."""
+    return math.inf if value is None else float(value)

@@ -32,6 +32,10 @@ ROUNDING = 1e-13
 BLUR, DEPTH, SECTIONS = 2e-6, 24, 25
 """Error of the least clearance, m, most halvings of an interval in search of it, and thirds cut off in the end."""
 
+MOST_GAPS = 100
+"""Gaps that are looked at in search of the least clearance, for each sample and disc; joints that spin would take more.
+"""
+
 TORQUE, VELOCITY, ACCELERATION, JERK, ANGLE = range(5)
 
 
@@ -42,7 +46,8 @@ class Measure(NamedTuple):
         ratios: worst |value| / limit of each of `LIMIT_KINDS`, ``(5,)``; angles from the middle of their range.
         joints: the joint of each, ``(5,)``.
         times: its time, ``(5,)``, s.
-        clearance: least distance between the surfaces of the arm and a disc, m; inf without discs.
+        clearance: least distance between the surfaces of the arm and a disc, m; inf without discs. A lower bound where
+            the joints spin so often that a closer look would take too long.
         clearance_time: its time, s.
         gap: largest difference, rad, between the angles of a sample and those that the last sample's velocities lead
             to: a discontinuity where it is not small.
@@ -199,9 +204,10 @@ def _clearance(
     """Least clearance from a disc, and its time.
 
     A gap changes by no more than the disc and the arm move. An interval is halved until this leaves no room for a gap
-    that is smaller than the least so far, but for `BLUR`; around the least of all a search finds the minimum.
+    that is smaller than the least so far, but for `BLUR`, or until none can be there because the arm does not reach so
+    far, and no surfaces are closer than their axes; around the least of all a search finds the minimum.
     """
-    n = q.shape[1]
+    n, left = q.shape[1], MOST_GAPS * (1000 + t.shape[0] * discs.shape[0])
     outward = np.empty(n)
     for j in range(n - 1, -1, -1):
         outward[j] = lengths[j] + (outward[j + 1] if j < n - 1 else 0.0)
@@ -217,7 +223,8 @@ def _clearance(
             h = t[i + 1] - t[i]
             if h <= 0.0:
                 continue
-            steepness = math.hypot(disc[2], disc[3])
+            speed = math.hypot(disc[2], disc[3])
+            steepness = speed
             for j in range(n):
                 steepness += outward[j] * max(abs(qd[i, j]), abs(qd[i + 1, j]))
             # a stack of parts of the interval: where each begins, its share of the interval, and the gap at its end
@@ -229,11 +236,18 @@ def _clearance(
                 begin, part, after = begins[size - 1], parts[size - 1], gaps[size - 1]
                 if after < least:
                     least, when, row, width, closest = after, t[i] + (begin + part) * h, i, part, disc
-                room = 0.5 * (before + after - steepness * part * h)
-                if size > DEPTH or room >= least - max(BLUR, 1e-3 * abs(least)):
+                half_time = t[i] + (begin + 0.5 * part) * h
+                x, y = disc[0] + half_time * disc[2] - base[0], disc[1] + half_time * disc[3] - base[1]
+                beyond = max(0.0, math.hypot(x, y) - 0.5 * speed * part * h - outward[0])
+                room = max(0.5 * (before + after - steepness * part * h), beyond - link_radius - disc[4])
+                enough = room >= least - max(BLUR, 1e-3 * abs(least))
+                if enough or size > DEPTH or left == 0:
+                    if left == 0 and not enough:
+                        least, when, row, width, closest = room, half_time, i, part, disc
                     before = after
                     size -= 1
                     continue
+                left -= 1
                 half = 0.5 * part
                 gap = _gap_at(begin + half, h, i, t, q, qd, qdd, disc, lengths, base, link_radius, point)
                 begins[size - 1], parts[size - 1] = begin + half, half

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from planners.checks import refuse_unknown
+from planners.files import write_bytes
 from planners.robot.limits import LimitKind
 
 if TYPE_CHECKING:
@@ -51,3 +55,17 @@ def plot(trajectory: Trajectory) -> Any:
     panels[0].set_title(repr(trajectory).strip("<>"), fontsize="small", wrap=True)
     panels[-1].set_xlabel("time (s)")
     return figure
+
+
+def write_plot(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure in the format of the suffix of ``path``.
+
+    Raises:
+        ValueError: if matplotlib writes no file with this suffix.
+    """
+    suffix = path.suffix.lower()
+    formats = [f".{name}" for name in figure.canvas.get_supported_filetypes()]
+    refuse_unknown([suffix], formats, f"file format of {path}:")
+    content = io.BytesIO()
+    figure.savefig(content, dpi=150, format=suffix[1:])
+    write_bytes(path, content.getvalue())

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.files import whole_file
-from planners.problem import MotionProblem
+from planners.checks import float_array
+from planners.problem import ByValue, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import insert_turning_points, interpolate
 from planners.trajectory.measure import Measure, measure
-from planners.trajectory.plot import plot
+from planners.trajectory.plot import plot, write_plot
 from planners.typing import Array
 
 ANIMATE = "planarm.animate"
@@ -33,8 +33,8 @@ FALL = 1e-9
 """Fall of the time between two samples, as a fraction of the duration, that is rounding."""
 
 
-@dataclass(frozen=True)
-class Trajectory:
+@dataclass(frozen=True, eq=False)
+class Trajectory(ByValue):
     """A planned motion, sampled on a dense grid of times.
 
     Where the acceleration jumps, two samples have the same time: before and after the jump.
@@ -92,8 +92,13 @@ class Trajectory:
 
         Between two samples a quintic that matches both, kept between their values; at a jump the values after it;
         outside ``[0, duration]`` the nearest end sample.
+
+        Raises:
+            ValueError: if a time is NaN or no number.
         """
-        times = np.asarray(t, dtype=float)
+        times = float_array("t", t)
+        if np.isnan(times).any():
+            raise ValueError("t must be times in s; some are NaN")
         found = interpolate(self.t, self.q, self.qd, self.qdd, times.ravel())
         q, qd, qdd = found.reshape(3, *times.shape, self.q.shape[1])
         return q, qd, qdd
@@ -132,12 +137,12 @@ class Trajectory:
             path: write it there too, in the format of the suffix.
 
         Raises:
+            ValueError: if matplotlib writes no file with this suffix.
             ModuleNotFoundError: if matplotlib is not installed; it comes with the extra ``viz``.
         """
         figure = plot(self)
         if path is not None:
-            with whole_file(Path(path)) as draft:
-                figure.savefig(draft, dpi=150)
+            write_plot(figure, Path(path))
         return figure
 
     def animate(self, path: str | Path, *, fps: int = 25, width: int = 720) -> None:
@@ -187,10 +192,11 @@ def sampled_trajectory(
         planner, cost, rendezvous_time, rides_until: see `Trajectory`.
 
     Raises:
-        ValueError: if shapes do not fit, there are fewer than two samples, times fall or a number is not finite.
+        ValueError: if shapes do not fit, there are fewer than two samples, times fall, or a number is not finite.
     """
     n = problem.arm.n_joints
-    times, *motion = (np.ascontiguousarray(values, dtype=float) for values in (t, q, qd, qdd))
+    given = {"t": t, "q": q, "qd": qd, "qdd": qdd}
+    times, *motion = (np.ascontiguousarray(float_array(name, values)) for name, values in given.items())
     if times.ndim != 1 or len(times) < 2 or any(values.shape != (len(times), n) for values in motion):
         shapes = ", ".join(str(values.shape) for values in (times, *motion))
         raise ValueError(f"t, q, qd and qdd have shapes {shapes}; give (samples,) and three of (samples, {n})")

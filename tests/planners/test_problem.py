@@ -21,6 +21,7 @@ from planners import (
     MovingHand,
     Obstacle,
 )
+from planners.apf.distance_table import DistanceTable
 
 
 def problem(**changes: Any) -> MotionProblem:
@@ -106,6 +107,29 @@ class TestMotionProblem:
         np.testing.assert_array_equal(back.target.position, [-0.9, 1.732])
         assert back.obstacles[0].radius == 0.2
         assert back.loaded_arm == asked.loaded_arm
+
+    @pytest.mark.parametrize(
+        ("value", "other"),
+        [
+            (FixedJoints([0.0, 1.0]), FixedJoints([0.0, 2.0])),
+            (FixedJoints([0.0, 1.0]), FixedJoints([0.0, 1.0, 1.0])),
+            (FixedHand([0.0, 1.0]), FixedHand([0.0, 1.0], 0.0)),
+            (MovingHand([0.0, 1.0], [0.0, 0.0]), MovingHand([0.0, 1.0], [0.0, 0.1])),
+            (Obstacle([0.0, 1.0], [0.0, 0.0], 0.1), Obstacle([0.0, 1.0], [0.0, 0.0], 0.2)),
+            (problem(), problem(obstacles=Obstacle([0.0, 1.0], [0.0, 0.0], 0.1))),
+            (problem(), FixedJoints([0.0, 1.0])),
+            (DistanceTable.looking_ahead(0.4), DistanceTable.looking_ahead(0.3)),
+        ],
+    )
+    def test_equal_values_are_equal_and_hash_alike(self, value: Any, other: Any) -> None:
+        again = copy.deepcopy(value)
+        assert value == again
+        assert hash(value) == hash(again)
+        assert value != other
+        assert value in (other, again)
+
+    def test_zero_is_zero_of_either_sign(self) -> None:
+        assert len({FixedJoints([0.0, 1.0]), FixedJoints([-0.0, 1.0])}) == 1
 
 
 def test_moving_target_follows_constant_acceleration() -> None:

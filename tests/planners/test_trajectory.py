@@ -99,6 +99,24 @@ class TestInterpolation:
         for found in motion_of(UNEVEN, QUINTICS, problem()).at(np.full(shape, 0.7)):
             assert found.shape == (*shape, 2)
 
+    @pytest.mark.parametrize("t", [math.nan, [0.1, math.nan], "0.5", None, 1j, True, 10**400])
+    def test_what_is_no_time_is_refused(self, t: object) -> None:
+        with pytest.raises(ValueError, match=r"^t "):
+            motion_of(UNEVEN, QUINTICS, problem()).at(t)  # type: ignore[arg-type]
+
+    def test_later_changes_of_the_given_arrays_do_not_change_it(self) -> None:
+        rows = UP_AND_DOWN.copy()
+        motion = sampled_trajectory(problem(), np.array([0.0, 1.0, 1.0, 2.0]), *rows, planner="test")
+        rows[:] = 9.0
+        np.testing.assert_array_equal(motion.q, UP_AND_DOWN[0])
+
+    def test_it_equals_a_motion_of_the_same_samples_and_no_other(self) -> None:
+        motion, again = motion_of(UNEVEN, QUINTICS, problem()), motion_of(UNEVEN, QUINTICS, problem())
+        assert motion == again
+        assert len({motion, again}) == 1
+        for other in (motion_of(UNEVEN, QUINTICS[::-1], problem()), replace(motion, cost=2.0), None):
+            assert motion != other
+
     def test_pickling_keeps_the_motion(self) -> None:
         motion = motion_of(UNEVEN, QUINTICS, problem())
         back = pickle.loads(pickle.dumps(motion))
@@ -189,3 +207,12 @@ class TestClearance:
         disc = Obstacle([1.5, -7.3], [0.0, 20.0], 0.01)
         motion = sampled_trajectory(problem(None, disc), [0.0, 1.0], *np.zeros((3, 2, 2)), planner="test")
         assert motion.clearance < 0.0
+
+    def test_joints_that_spin_between_two_samples_take_no_time_to_measure(self) -> None:
+        """A million turns in a second, with a disc that they cannot reach and one that they must hit."""
+        rows = np.array([[[0.0, 0.0], [2e6 * math.pi, 0.0]], np.full((2, 2), 2e6 * math.pi), np.zeros((2, 2))])
+        away, hit = Obstacle([3.0, 0.0], [0.0, 0.0], 0.1), Obstacle([0.9, 0.5], [0.0, 0.0], 0.1)
+        free = sampled_trajectory(problem(None, away), [0.0, 1.0], *rows, planner="test")
+        assert 3.0 - 2.0 - 0.1 - FREE.link_radius - 3e-6 <= free.clearance <= 3.0 + 2.0
+        struck = sampled_trajectory(problem(None, hit), [0.0, 1.0], *rows, planner="test")
+        assert -0.1 - FREE.link_radius <= struck.clearance < 0.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +52,14 @@ def test_a_saved_trajectory_is_loaded_to_the_bit(motion: Trajectory, tmp_path: P
     assert back.limit_ratios == motion.limit_ratios
     assert (back.clearance, back.cost, back.rendezvous_time) == (motion.clearance, motion.cost, motion.rendezvous_time)
     assert problem_document(back.problem) == problem_document(PROBLEM)
+    assert back == motion
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none_are_kept(number: float, motion: Trajectory, tmp_path: Path) -> None:
+    replace(motion, cost=number, rides_until=number).save(tmp_path / "motion.npz")
+    back = Trajectory.load(tmp_path / "motion.npz")
+    np.testing.assert_array_equal([back.cost, back.rides_until], [number, number])
 
 
 @given(st.sampled_from([FixedHand([0.3, 0.2]), FixedHand([0.3, 0.2], 0.4), MovingHand([0.1, 0.2], [0.3, 0.0])]))
@@ -113,6 +123,15 @@ def test_a_plot_shows_every_joint_and_its_limits(motion: Trajectory, tmp_path: P
     assert levels(velocities) == {-2.0, 2.0}
     assert levels(accelerations) == set()
     assert levels(torques) == {-9.0, 9.0}
+
+
+@pytest.mark.parametrize("name", ["motion", "motion.npz", ".png"])
+def test_a_plot_in_a_format_that_is_none_is_refused_with_those_that_are(
+    name: str, motion: Trajectory, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=rf"file format of .*{name}: .*\.pdf, .*\.png"):
+        motion.plot(tmp_path / name)
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_film_shows_the_arm_moving(motion: Trajectory, tmp_path: Path) -> None:
