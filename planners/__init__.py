@@ -4,10 +4,12 @@ Independent of Gymnasium. SI units and radians; joint angles are relative and co
 effector of an arm, ``q, qd, qdd, tau`` are joint angles, velocities, accelerations and torques.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 import planners.compile_cache
 import planners.compiled.economy
 import planners.compiled.operators  # noqa: F401  (before any compiled function)
-from planners import apf, control, dpct, lagrange, quintic, trapezoid
 from planners.capabilities import plan, register
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.robot.arm import Arm, JointLimits
@@ -15,6 +17,9 @@ from planners.robot.arm_files import arm_document, arm_names, load_arm
 from planners.robot.kinematics import UnreachableTarget
 from planners.robot.presets import PLANAR_3R, SCARA_1M, SCARA_50CM
 from planners.trajectory import Trajectory, sampled_trajectory
+
+if TYPE_CHECKING:
+    from planners import apf, control, dpct, lagrange, quintic, trapezoid
 
 __all__ = [
     "PLANAR_3R",
@@ -43,3 +48,9 @@ __all__ = [
     "sampled_trajectory",
     "trapezoid",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("apf", "control", "dpct", "lagrange", "quintic", "trapezoid"):  # an environment needs one of them
+        return import_module(f"planners.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,6 +11,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Literal, ParamSpec
 
 import numpy as np
@@ -101,11 +102,31 @@ class Variant:
         return self.takes[kind].objection(problem)
 
 
-VARIANTS: dict[tuple[str, str], Variant] = {}
-"""Every variant by planner and name; see `variants_of` for the default."""
+_variants: dict[tuple[str, str], Variant] = {}
 
 OWN = ("dpct", "lagrange", "apf", "quintic", "trapezoid")
 """Names of planarm's own planners, in the order in which `plan` tries them."""
+
+
+def all_variants() -> dict[tuple[str, str], Variant]:
+    """Every variant by planner and name, also as ``VARIANTS``; see `variants_of` for the default.
+
+    Planarm's own planners are imported when this is first asked, and come first.
+    """
+    for planner in OWN:
+        import_module(f"planners.{planner}")
+    ordered = sorted(_variants, key=lambda key: key[0] if key[0] in OWN else "user's")
+    if ordered != list(_variants):  # whichever was imported first
+        for key in ordered:
+            _variants[key] = _variants.pop(key)
+    return _variants
+
+
+def __getattr__(name: str) -> Any:
+    if name == "VARIANTS":
+        return all_variants()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 P = ParamSpec("P")
 
@@ -138,7 +159,7 @@ def variant(
                     require_solved(str(declared), problem, trajectory, wanted, _avoiding(problem, declared))
             return trajectory
 
-        declared = VARIANTS[planner, name] = Variant(planner, name, plan, takes, promises)
+        declared = _variants[planner, name] = Variant(planner, name, plan, takes, promises)
         return plan
 
     return declare
@@ -177,14 +198,14 @@ def capability_rows() -> list[tuple[str, str, str, str, str, str, str]]:
             ", ".join(takes.keeps) if entry.promises else "its own rules only",
             takes.arrives,
         )
-        for entry in sorted(VARIANTS.values(), key=lambda entry: _order(entry.planner))
+        for entry in sorted(all_variants().values(), key=lambda entry: _order(entry.planner))
         for kind, takes in entry.takes.items()
     ]
 
 
 def own_planners() -> dict[str, Callable[[MotionProblem], Trajectory]]:
     """The planners that users have registered, by name."""
-    return {planner: entry.plan for (planner, _), entry in VARIANTS.items() if planner not in OWN}
+    return {planner: entry.plan for (planner, _), entry in _variants.items() if planner not in OWN}
 
 
 def plan(problem: MotionProblem, planner: str | None = None, variant: str | None = None, **options: Any) -> Trajectory:
@@ -207,7 +228,7 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
         return plan_variant(planner, variants_of(planner)[0] if variant is None else variant, problem, options)
     if variant is not None or options:
         raise ValueError("a variant and options need a planner: give planner, such as 'dpct'")
-    able = [entry for entry in VARIANTS.values() if entry.name != "paper" and entry.objection(problem) is None]
+    able = [entry for entry in all_variants().values() if entry.name != "paper" and entry.objection(problem) is None]
     if not able:
         raise ValueError(f"no planner takes this problem: {'; '.join(_objections(problem))}")
     kind = TARGETS[type(problem.target)]
@@ -238,7 +259,7 @@ def plan_variant(planner: str, name: str, problem: MotionProblem, options: Mappi
         ValueError: if the variant or an option is unknown, or an option is out of range.
     """
     require_choice("variant", name, variants_of(planner))
-    function = VARIANTS[planner, name].plan
+    function = all_variants()[planner, name].plan
     allowed = [option for option in inspect.signature(function).parameters if option != "problem"]
     unknown = sorted(set(options) - set(allowed))
     if unknown:
@@ -248,7 +269,7 @@ def plan_variant(planner: str, name: str, problem: MotionProblem, options: Mappi
 
 def variants_of(planner: str) -> list[str]:
     """Names of a planner's variants, the default first and the paper's own last."""
-    return sorted((name for of, name in VARIANTS if of == planner), key=lambda name: name == "paper")
+    return sorted((name for of, name in all_variants() if of == planner), key=lambda name: name == "paper")
 
 
 def _require_taken(declared: Variant, problem: MotionProblem) -> None:
@@ -276,7 +297,7 @@ def _finite_arithmetic(declared: Variant) -> Iterator[None]:
 
 def _able(problem: MotionProblem) -> list[Variant]:
     """The variants that take a problem and promise what they keep."""
-    return [entry for entry in VARIANTS.values() if entry.promises and entry.objection(problem) is None]
+    return [entry for entry in all_variants().values() if entry.promises and entry.objection(problem) is None]
 
 
 def _avoiding(problem: MotionProblem, failed: Variant) -> str:
@@ -288,11 +309,11 @@ def _avoiding(problem: MotionProblem, failed: Variant) -> str:
 
 
 def _names() -> list[str]:
-    return list(dict.fromkeys(planner for planner, _ in VARIANTS))
+    return list(dict.fromkeys(planner for planner, _ in all_variants()))
 
 
 def _objections(problem: MotionProblem) -> list[str]:
-    return [f"{entry} {entry.objection(problem)}" for entry in VARIANTS.values()]
+    return [f"{entry} {entry.objection(problem)}" for entry in all_variants().values()]
 
 
 def _order(planner: str) -> int:
