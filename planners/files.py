@@ -83,9 +83,9 @@ def check_output(path: Path | None) -> None:
     """
     if path is None:
         return
-    if path.is_dir():
-        raise ValueError(f"cannot write {path}: it is a folder; give the name of a file")
     try:
+        if path.is_dir():
+            raise ValueError("it is a folder; give the name of a file")
         if is_stream(path):
             if _descriptor(path) is None and not os.access(path, os.W_OK):
                 raise PermissionError("it may not be written to")

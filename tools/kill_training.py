@@ -80,8 +80,12 @@ COMMANDS = (
     "benchmark --episodes 32 --bound-episodes 4",
     "paths ObstacleDodge-v0 --plot {folder}/paths.png",
     "rollout ConveyorTrack-v0 --policy dpct --record {folder}/film.gif",
-    "plan SCARA_1M --start 0.3 1.2 --hand 0.3 0.9",
+    "plan --arm SCARA_1M --start 0.3 1.2 --to 0.3 0.9",
     "list",
+    "play --no-browser",
+    "dataset MinTorqueMove-v0 --policies lagrange --episodes 64 --overwrite --out lagrange-v0",
+    "sweep ppo/ConveyorTrack-v0 --over seed=0,1 --out {folder}/sweep",
+    "submit check submissions/planarm-conveyor-track",
     "paper-dpct --json {folder}/dpct.json",
     "paper-lagrange --json {folder}/lagrange.json",
     "paper-apf --json {folder}/apf.json",
@@ -244,6 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ended: list[tuple[str, Ended]] = []
     with TemporaryDirectory() as name:
         folder = Path(name)
+        os.environ["MINARI_DATASETS_PATH"] = name
         for place, recipe in enumerate(options.recipes):
             share = options.kills // len(options.recipes) + (place < options.kills % len(options.recipes))
             if share:

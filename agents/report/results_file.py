@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -223,8 +224,9 @@ class Results(_Part):
         Raises:
             ValueError: if there is none, or the file holds something else.
         """
-        if not path.is_file():
-            raise ValueError(f"cannot read {path}: no such file")
+        if not os.path.isfile(path):
+            reason = "it is no file" if os.path.exists(path) else "no such file"
+            raise ValueError(f"cannot read {path}: {reason}")
         if path.stat().st_size > MOST_BYTES:
             raise ValueError(f"cannot read {path}: it is larger than {MOST_BYTES >> 20} MiB")
         expected = "expected what planarm benchmark --json writes"

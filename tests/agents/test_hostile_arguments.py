@@ -13,7 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agents.cli import COMMANDS, main
+from agents.cli import COMMANDS, _parse, main
+from tools.kill_training import COMMANDS as INTERRUPTED_COMMANDS
 
 ENV = "ConveyorTrack-v0"
 ONE = f"evaluate follower --env {ENV} --episodes 1"
@@ -48,6 +49,7 @@ REFUSED = [
     (f"{ONE} --settings physics_step=1e-300", "choose a physics_step"),
     (f"{ONE} --settings arm=NOARM", 'unknown arm (a file\'s name ends in .yaml or .json) "NOARM" (known:'),
     (f"{ONE} --json .", "it is a folder"),
+    (f"{ONE} --json {'long' * 80}", "File name too long"),
     (f"{ONE} --against follower", '"follower" is given 2 times'),
     (f"evaluate '' --env {ENV}", "name is empty"),
     ("evaluate follower --env :", "no module:name"),
@@ -104,7 +106,8 @@ REFUSED = [
     ("play --seed -1 --no-browser", "seed"),
     ("play --port 99999 --no-browser", "port 99999 cannot be used"),
     ("report", "results"),
-    ("report missing.json", "missing.json"),
+    ("report missing.json", "cannot read missing.json: no such file"),
+    ("report .", "cannot read .: it is no file"),
     ("report 'mk[/b]run.json'", "mk[/b]run.json"),
     ("dataset Nope-v0 --out mine", 'unknown environment "Nope-v0"'),
     ("sweep nope.yaml", "cannot read nope.yaml"),
@@ -136,6 +139,12 @@ def test_what_cannot_be_done_is_refused_in_one_line(
 
 def test_every_command_is_tried() -> None:
     assert {line.split()[0] for line, _ in REFUSED} == set(COMMANDS)
+
+
+@pytest.mark.parametrize("line", INTERRUPTED_COMMANDS)
+def test_the_campaign_interrupts_commands_that_there_are(line: str) -> None:
+    given = shlex.split(line.format(folder="folder"))
+    assert type(_parse(given, given[0])).__name__ == COMMANDS[given[0]].options  # it would exit for another line
 
 
 VALUES = st.one_of(

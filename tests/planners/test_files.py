@@ -159,6 +159,7 @@ def test_what_cannot_be_written_is_said_before_the_work(tmp_path: Path) -> None:
         (tmp_path / "file" / "results.json", "Not a directory"),
         (Path("/proc/results.json"), "cannot write /proc/results.json"),
         (Path("results\0.json"), "null"),
+        (tmp_path / f"{'long' * 80}.json", "cannot write .*: File name too long"),
     ):
         with pytest.raises(ValueError, match=complaint):
             check_output(path)
