@@ -14,12 +14,15 @@ import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
 from envs.card import TaskCard, env_ids, load, task_card
+from envs.checks import checked_seed
 from envs.settings import refuse_unknown
 from planners import arm_document, arm_names, load_arm
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 SEED_MOST = 2**62
 """The largest seed of a first episode."""
+MOST_EPISODES = 10_000_000
+"""Most episodes of an evaluation."""
 
 _OWN: dict[str, None] = {}  # modules of tasks that `import_env` has imported
 _IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w./+-]*")
@@ -71,11 +74,12 @@ def own_modules() -> tuple[str, ...]:
     return tuple(_OWN)
 
 
-def check_seed(seed: int) -> int:
-    """A seed of a first episode as it is; a ValueError if it is negative or too large."""
-    if not 0 <= seed <= SEED_MOST:
-        raise ValueError(f"seed {seed} must not be negative or above 2**62")
-    return seed
+def check_seed(seed: Any) -> int:
+    """A seed of a first episode as an int; a ValueError if it is no whole number, negative or too large."""
+    number = checked_seed(seed)
+    if number is None or number > SEED_MOST:
+        raise ValueError(f"seed {seed} must be a whole number from 0 to 2**62")
+    return number
 
 
 def make_batch(env_id: str, num_envs: int, settings: Mapping[str, Any], *, resets: bool = True) -> VectorEnv:

@@ -1,4 +1,4 @@
-"""Checks of what users hand to an environment: actions, seeds, options, limits on the length of an episode."""
+"""Checks of what users hand to an environment or a policy: actions, observations, seeds, options, counts, modes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from envs.observation import Observation
 from planners.checks import refuse_unknown
 from planners.typing import Array
 
@@ -54,6 +55,39 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
             "actions are numbers in [-1, 1], larger ones are clipped"
         )
     return numbers
+
+
+def checked_observations(given: Any, size: int) -> Observation:
+    """Observations as a batch, ``(num_envs, size)``, from those of a batch or of one environment, ``(size,)``.
+
+    Raises:
+        ValueError: for anything but numbers of such a shape, with what is expected and what was found.
+    """
+    array = np.asarray(given)
+    batch: Observation = np.atleast_2d(array)
+    if batch.ndim != 2 or batch.shape[1] != size or not len(batch) or array.dtype.kind not in "fiub":
+        raise ValueError(
+            f"expected observations of shape ({size},) or (num_envs, {size}), found shape {array.shape} of type "
+            f"{array.dtype}"
+        )
+    return batch
+
+
+def checked_starts(given: Any, count: int) -> NDArray[np.bool_]:
+    """Which of so many environments are at the first step of an episode; none if that is None.
+
+    Raises:
+        ValueError: for anything but a truth value for each, with both shapes.
+    """
+    if given is None:
+        return np.zeros(count, dtype=np.bool_)
+    array = np.atleast_1d(np.asarray(given))
+    if array.shape != (count,) or array.dtype.kind not in "biuf":
+        raise ValueError(
+            f"expected episode_start of shape ({count},), a bool for each environment, found {_shown(given)} of shape "
+            f"{np.shape(given)}"
+        )
+    return array.astype(np.bool_)
 
 
 def checked_count(name: str, value: Any, hint: str = "") -> int:

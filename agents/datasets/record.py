@@ -117,7 +117,7 @@ def record_dataset(
     minari()
     if episodes < 1:
         raise ValueError(f"episodes {episodes} must be at least 1")
-    check_seed(seed)
+    seed = check_seed(seed)
     env_id = import_env(env_id)
     named = name_policies(policies, env_id, allow_code=allow_code)
     given = portable(env_config or {})

@@ -8,12 +8,11 @@ from typing import Any, Self
 from pydantic import Field, field_validator, model_validator
 
 import envs
-from agents.environments import SEED_MOST, import_env, portable
+from agents.environments import MOST_EPISODES, SEED_MOST, import_env, portable
 from agents.yaml_config import load_config, refuse_twice
 from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.settings import Settings, refuse_unknown
 
-MOST_EPISODES = 10_000_000
 SHIPPED_CONFIG = "benchmark"  # name of the configuration of the leaderboard
 
 

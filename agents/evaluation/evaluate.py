@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
+from itertools import islice
 from time import perf_counter
 from typing import Any
 from warnings import warn
@@ -12,10 +13,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.environments import VectorEnv, check_names, check_seed, import_env, make_batch
+from agents.environments import MOST_EPISODES, VectorEnv, check_names, check_seed, import_env, make_batch
 from agents.evaluation.results import Evaluation, Timing
 from agents.policies.lookup import AnyPolicy, name_policy
 from agents.policies.policy import Actor, CountsPlans, EstimatesPayload, Policy, is_maker
+from envs.checks import checked_count
 from envs.experts import Expert
 from envs.physics.actuation import LIMIT_KINDS
 from planners.typing import Array
@@ -64,8 +66,7 @@ def evaluate(
             seeds, or settings and options the environment refuses.
     """
     numbers = _checked_seeds(seeds)
-    if num_envs < 1:
-        raise ValueError(f"num_envs {num_envs} must be at least 1")
+    num_envs = checked_count("num_envs", num_envs)
     env_id = import_env(env_id)
     named = name_policy(policy, env_id, name=name, allow_code=allow_code)
     settings = named.own_settings({}) if env_config is None else named.settings(env_config)
@@ -161,10 +162,10 @@ def _planned(policy: Policy) -> tuple[int, float, int]:
     return 0, 0.0, 0
 
 
-def _checked_seeds(seeds: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    numbers = [int(seed) for seed in seeds]
-    if not numbers:
-        raise ValueError("no seeds: give at least one, for example range(100)")
-    for seed in (min(numbers), max(numbers)):
-        check_seed(seed)
-    return np.array(numbers, dtype=np.int64)
+def _checked_seeds(seeds: Iterable[int]) -> NDArray[np.int64]:
+    if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
+        raise ValueError(f"seeds {seeds!r:.80} must be whole numbers, one an episode, for example range(100)")
+    numbers = list(islice(seeds, MOST_EPISODES + 1))
+    if not 1 <= len(numbers) <= MOST_EPISODES:
+        raise ValueError(f"{'too many' if numbers else 'no'} seeds: give 1 to {MOST_EPISODES}, for example range(100)")
+    return np.array([check_seed(seed) for seed in numbers], dtype=np.int64)

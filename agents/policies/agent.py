@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.card import task_card
+from envs.checks import checked_observations
 from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
@@ -123,11 +124,7 @@ class Agent:
                 "this agent forecasts where discs will be, for the expert apf of an environment: agent.for_env(env) "
                 "gives the policy there"
             )
-        batch = np.atleast_2d(np.asarray(observation, dtype=np.float32))
-        if batch.shape[1] != self.observation_size:
-            raise ValueError(
-                f"observations of {batch.shape[1]} elements; this agent of {self.env_id} takes {self.observation_size}"
-            )
+        batch = checked_observations(observation, self.observation_size).astype(np.float32, copy=False)
         bounded = self.network_actions(batch, deterministic=deterministic)
         return (bounded[0] if np.ndim(observation) == 1 else bounded), None
 

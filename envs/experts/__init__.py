@@ -71,11 +71,11 @@ def make_expert(
         ValueError: if the task has no such expert, the environment is no task of planarm's kind, a wrapper transforms
             its observations or actions, or the observations do not show an adaptive expert the effect of its torques.
     """
-    task = getattr(env.unwrapped, "task", None)
+    task = getattr(getattr(env, "unwrapped", None), "task", None)
     if not isinstance(task, Task):
-        raise ValueError(f"{env} is not one of planarm's environments; experts need one, such as ConveyorTrack-v0")
+        raise ValueError(f"{env!r:.80} is none of planarm's environments; experts need one, as ConveyorTrack-v0")
     refuse_transformed(env, f"expert {name}")
-    experts, plain = _experts(task.env_id), name.removesuffix(ADAPTIVE)
+    experts, plain = _experts(task.env_id), str(name).removesuffix(ADAPTIVE)
     refuse_unknown([plain], experts, f"{task.env_id} expert")
     expert = experts[plain](task)
     return expert.adapt() if adaptive or plain != name else expert

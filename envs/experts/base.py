@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.checks import checked_observations, checked_starts
 from envs.experts.payload_estimation import AdaptiveState, PayloadAdaptation, loaded_arms
 from envs.experts.robust import RobustTracking
 from envs.observation import Observation
@@ -107,12 +108,12 @@ class Expert(ABC):
             Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and the state for the next call.
 
         Raises:
-            ValueError: if the observation has the wrong size.
+            ValueError: if the observation or ``episode_start`` has another shape, or is not of finite numbers.
         """
-        batch = np.atleast_2d(observation)
-        starts = np.zeros(len(batch), dtype=bool)
-        if episode_start is not None:
-            starts |= np.asarray(episode_start, dtype=bool)
+        batch = checked_observations(observation, self.task.layout.size)
+        if not np.isfinite(batch).all():
+            raise ValueError("an observation holds values that are not finite; nothing can be planned from it")
+        starts = checked_starts(episode_start, len(batch))
         memory = self._memory if state is None else state
         if self._robust is not None:
             self._payload = np.zeros(len(batch))

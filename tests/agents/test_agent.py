@@ -78,7 +78,7 @@ def test_one_observation_gives_one_action() -> None:
     batch = np.random.default_rng(1).uniform(-1.0, 1.0, (4, one.observation_size)).astype(np.float32)
     together = one.predict(batch, deterministic=True)[0]
     np.testing.assert_allclose(one.predict(batch[2], deterministic=True)[0], together[2], atol=1e-6)
-    with pytest.raises(ValueError, match="observations of 3 elements"):
+    with pytest.raises(ValueError, match=r"or \(num_envs, 18\), found shape \(3,\)"):
         one.predict(np.zeros(3))
 
 

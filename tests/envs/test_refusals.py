@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from typing import Any
 
 import gymnasium as gym
@@ -112,6 +113,37 @@ def test_options_refused_after_random_draws_leave_the_random_numbers() -> None:
         with pytest.raises(ValueError, match="no_window"):
             env.reset(options=given)
         assert whole_state(env) == before
+
+
+@pytest.mark.parametrize("name", ["lagrange", "apf", "follower", "random", "lagrange+adaptive"])
+def test_an_expert_refuses_what_is_no_observation_of_its_own(name: str) -> None:
+    env = gym.make_vec("MinTorqueMove-v0", num_envs=3)
+    expert, size = envs.make_expert(name, env), 20
+    observation, _ = env.reset(seed=0)
+    for shape in [(), (3,), (3, 3), (0, size), (2, 2, size)]:
+        with pytest.raises(ValueError, match=rf"\(num_envs, {size}\), found shape {re.escape(str(shape))}"):
+            expert.predict(np.zeros(shape))
+    for given in (None, "x", ["a"] * size, np.zeros(size, complex), np.zeros(size, object)):
+        with pytest.raises(ValueError, match="found shape"):
+            expert.predict(given)  # type: ignore[arg-type]
+    for number in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="not finite"):
+            expert.predict(np.full((3, size), number))
+    for starts in (True, [True], np.ones(2, bool), np.ones((3, 1), bool), "abc", [None] * 3):
+        with pytest.raises(ValueError, match=r"episode_start of shape \(3,\)"):
+            expert.predict(observation, None, starts)  # type: ignore[arg-type]
+    actions = expert.predict(observation, None, np.ones(3, bool))[0]
+    if name != "random":
+        np.testing.assert_array_equal(expert.predict(observation, None, np.ones(3, int))[0], actions)
+
+
+def test_experts_are_made_by_name_for_an_environment() -> None:
+    for name in (None, 3, "", "+adaptive"):
+        with pytest.raises(ValueError, match="unknown MinTorqueMove-v0 expert"):
+            envs.make_expert(name, gym.make("MinTorqueMove-v0"))  # type: ignore[arg-type]
+    for env in (None, 3, "MinTorqueMove-v0"):
+        with pytest.raises(ValueError, match="is none of planarm's environments"):
+            envs.make_expert("dpct", env)  # type: ignore[arg-type]
 
 
 BAD_SEEDS = [-1, 2.0, np.float32(1.0), "3", b"34", True, {1, 2}, [3, -1], [3, 4.0], ["a", None], np.array([1.0, 2.0])]
