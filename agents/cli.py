@@ -119,16 +119,15 @@ def _run(named: str | None, options: Any) -> int:
     from gymnasium.error import DependencyNotInstalled
 
     from agents.commands.outputs import check_outputs
-    from agents.console import INTERRUPTED, catch_interrupt, note, note_compiling
+    from agents.console import catch_interrupt, exit_code_of, note, note_compiling
 
     try:
         check_outputs(options)
-        with catch_interrupt(at_once=True) as caught, note_compiling():
-            try:
-                code: int | None = import_module(COMMANDS[str(named)].module).run(options)
-            except KeyboardInterrupt:
-                note("interrupted: nothing was finished", "yellow")
-                return (caught or [INTERRUPTED])[0]
+        with catch_interrupt(at_once=True), note_compiling():
+            code: int | None = import_module(COMMANDS[str(named)].module).run(options)
+    except KeyboardInterrupt as interrupt:
+        note("interrupted: nothing was finished", "yellow")
+        return exit_code_of(interrupt)
     except (ValueError, ImportError, DependencyNotInstalled) as error:
         return _complain(named, error, 2)
     except MemoryError as error:

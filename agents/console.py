@@ -136,10 +136,11 @@ def listen_to_compiler(begins: Callable[[], object]) -> Iterator[None]:
 def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
     """Append its exit code to the yielded list at each Ctrl-C; the second, with ``at_once`` any, raises.
 
-    That is a KeyboardInterrupt. The request to end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C,
-    with the exit code 143 instead of 130. An interrupt that meets Numba's conversion of results, which cannot bear an
-    exception, waits for the end of the call; one that comes out of compiled code as a SystemError, or out of the
-    compiler as a RuntimeError, is a KeyboardInterrupt here too.
+    That is a KeyboardInterrupt; one that leaves the block has the exit code with it (`exit_code_of`). The request to
+    end that ``kill`` and schedulers send, SIGTERM, is taken for a Ctrl-C, with the exit code 143 instead of 130. An
+    interrupt that meets Numba's conversion of results, which cannot bear an exception, waits for the end of the call;
+    one that comes out of compiled code as a SystemError, or out of the compiler as a RuntimeError, is a
+    KeyboardInterrupt here too.
     """
     caught: list[int] = []
 
@@ -151,15 +152,23 @@ def catch_interrupt(*, at_once: bool) -> Iterator[list[int]]:
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
+    except KeyboardInterrupt as interrupt:
+        interrupt.args = interrupt.args or tuple(caught[:1])
+        raise
     except (SystemError, RuntimeError) as error:
         if was_interrupted(error) or (caught and at_once):
-            raise KeyboardInterrupt from None
+            raise KeyboardInterrupt(*caught[:1]) from None
         raise
     finally:
         if caught:
             sys.setprofile(None)  # of an interrupt that is still waiting
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def exit_code_of(interrupt: KeyboardInterrupt) -> int:
+    """The exit code of a command that an interrupt ended: 143 for SIGTERM that was met by `catch_interrupt`."""
+    return next((code for code in interrupt.args if isinstance(code, int)), INTERRUPTED)
 
 
 def _interrupt(frame: FrameType | None) -> None:

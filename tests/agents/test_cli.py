@@ -105,6 +105,19 @@ def test_ctrl_c_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(["rollout", "ConveyorTrack-v0"]) == 130
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_that_a_command_hands_on_keeps_its_exit_code(
+    number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(options: Any) -> int:
+        with catch_interrupt(at_once=True):
+            signal.raise_signal(number)
+        return 0
+
+    monkeypatch.setattr(rollout, "run", interrupted)
+    assert main(["rollout", "ConveyorTrack-v0"]) == code
+
+
 def test_the_commands_own_exit_code_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
     monkeypatch.setattr(rollout, "run", lambda options: seen.append(options) or 7)
