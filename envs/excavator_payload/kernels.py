@@ -12,9 +12,9 @@ from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_m
 from envs.excavator_payload.world import N_JOINTS, change_load, move_links, tip_of
 from envs.hashing import normal_pair
 from envs.physics.actuation import command, finish_period
-from envs.physics.episode import ADVANCE, BEGIN, clear_episode, entry_points, finish_observation, sum_reward
+from envs.physics.episode import ADVANCE, BEGIN, REFRESH, clear_episode, entry_points, finish_observation, sum_reward
 from envs.physics.rigid_bodies import begin_commands
-from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, private
+from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, new_array, private
 from planners.excavator.newton_euler import torque_single
 from planners.typing import Array
 
@@ -69,7 +69,7 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
             _measure(env, shared)
             if work == ADVANCE:
                 _score(env, shared)
-            if shared.estimated and work in (ADVANCE, BEGIN):
+            if shared.estimated and work != REFRESH:
                 call(shared.estimate_kernel, env, shared)
             _observe(env, shared)
 
@@ -151,14 +151,15 @@ def _change_of_action(env: Any) -> float:
     change = 0.0
     for i in range(N_JOINTS):
         share = min(1.0, max(-1.0, env.action[i]))
-        change += (share - env.held_action[i]) ** 2
+        step = share - env.held_action[i]
+        change += step * step
         env.held_action[i] = share
     return change
 
 
 def _add_to_controller(env: Any, shared: Any) -> None:
     """Write the controller's torques plus the action's, within the limits."""
-    tau = np.empty(N_JOINTS)
+    tau = new_array(N_JOINTS)
     _empty_bucket_torque(shared, env.measured[0], env.measured[1], env.reference, tau)
     for i in range(N_JOINTS):
         limit = shared.limits[0, i]
@@ -172,11 +173,12 @@ ADD_TO_CONTROLLER = Kernel(_add_to_controller)
 @inlined
 def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau: Array) -> None:
     """Slotine and Li's controller for the empty bucket, without adaptation, written to ``tau`` ``(n,)``, N m."""
-    qd_r, qdd_r = np.empty(N_JOINTS), np.empty(N_JOINTS)
+    qd_r, qdd_r, nothing = new_array(N_JOINTS), new_array(N_JOINTS), new_array(10)
+    clear_array(nothing)
     for i in range(N_JOINTS):
         qd_r[i] = reference[1, i] + model.bandwidth[i] * (reference[0, i] - q[i])
         qdd_r[i] = reference[2, i] + model.bandwidth[i] * (reference[1, i] - qd[i])
-    torque_single(empty_machine(model), np.zeros(10), q, qd, qd_r, qdd_r, tau)
+    torque_single(empty_machine(model), nothing, q, qd, qd_r, qdd_r, tau)
     for i in range(N_JOINTS):
         tau[i] += model.damping[i] * (qd_r[i] - qd[i])
 

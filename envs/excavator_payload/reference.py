@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from envs.batch.records import Records
 from envs.excavator_payload.world import N_JOINTS
 from planners.checks import brief
-from planners.compiled.calls import Kernel, call, inlined, private
+from planners.compiled.calls import Kernel, call, inlined, new_array, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
 from planners.excavator.newton_euler import torque_single
@@ -79,12 +79,15 @@ def dynamics_constants() -> dict[str, Any]:
     }
 
 
+_inverse_dynamics = inlined(torque_single.py_func)  # type: ignore[attr-defined]  # a part of the kernel, its one caller
+
+
 def _torque(model: Any, loaded: int, motion: Array, tau: Array) -> None:
     """Torques of a ``motion`` ``(3, n)``, with the heaviest payload or with none, written to ``tau`` ``(n,)``, N m."""
-    load = np.empty(10)
+    load = new_array(10)
     for parameter in range(10):
         load[parameter] = model.heaviest[parameter] if loaded else 0.0
-    torque_single(empty_machine(model), load, motion[0], motion[1], motion[1], motion[2], tau)
+    _inverse_dynamics(empty_machine(model), load, motion[0], motion[1], motion[1], motion[2], tau)
 
 
 _TORQUE = Kernel(_torque)
@@ -172,7 +175,7 @@ def draw_reference(batch: Any, model: Any, index: int, numbers: Array) -> None:
     for i in range(N_JOINTS):
         waypoints[0, i] = LOWEST[i] + numbers[0, i] * (HIGHEST[i] - LOWEST[i])
     due[0] = 0
-    candidate = np.empty(N_JOINTS)
+    candidate = new_array(N_JOINTS)
     row = count = 1
     while due[count - 1] < wanted and count < waypoints.shape[0]:
         before = waypoints[count - 1]
@@ -215,7 +218,7 @@ def empty_machine(model: Any) -> tuple[Array, Array, Array, Array]:
 def segment_ratios(model: Any, start: Array, end: Array, duration: float) -> tuple[float, float]:
     """Worst torque over limit and worst speed over limit along a segment with the heaviest payload."""
     n = start.shape[0]
-    motion, tau = np.empty((3, n)), np.empty(n)
+    motion, tau = new_array(3, n), new_array(n)
     torque = speed = 0.0
     for sample in range(_SAMPLES + 1):
         segment_motion(start, end, sample / _SAMPLES, duration, motion)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from envs.physics import chipmunk
 from envs.physics.closed_form import PLACE_NOTHING, integrate, read_links, vector, write_joints
 from envs.physics.packs import WIDTH, reals
 from envs.physics.rigid_bodies import arriving, read_joint_state, remove_joints, renew_joint, step_physics
-from planners.compiled.calls import Kernel, call, inlined, private
+from planners.compiled.calls import Kernel, call, inlined, new_array, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.plane import JOINTS, planar_bodies
 
@@ -128,7 +126,8 @@ def loaded_bucket(env: Any, model: Any) -> tuple[float, float]:
         load_com = model.load_com[axis] + env.load_offset[axis]
         bucket_com = model.body_coms[last, axis]
         env.bucket_com[axis] = (bucket * bucket_com + env.load * load_com) / mass
-        apart += (load_com - bucket_com) ** 2
+        off = load_com - bucket_com
+        apart += off * off
     inertia += bucket * env.load / mass * apart
     return mass, inertia
 
@@ -151,7 +150,7 @@ def advance_links(env: Any, model: Any) -> None:
     The drives follow the command with their lag; the friction of the joints is subtracted in every physics step.
     """
     n = env.q.shape[0]
-    net = np.empty(n)
+    net = new_array(n)
     for _ in range(model.substeps):
         inner_speed = 0.0
         tau = arriving(env, model, env.tau)

@@ -18,12 +18,10 @@ from typing import Any
 
 import llvmlite.binding
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils, config
 from numba.extending import intrinsic
-from numba.np.numpy_support import carray
-
-from planners.typing import Array
+from numba.np.arrayobj import populate_array
 
 try:
     from pymunk._chipmunk_cffi import ffi, lib
@@ -130,11 +128,23 @@ reals_at: Any = intrinsic(_reals_at)
 """A pointer to the float64 numbers at an address, in compiled code."""
 
 
-@njit(cache=True, nogil=True)
-def array_at(address: int, shape: Any) -> Array:
-    """The array of float64 of a shape that lies at an address, in compiled code."""
-    array: Array = carray(reals_at(address), shape)
-    return array
+def _array_at(typing_context: Any, address: Any, shape: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array = context.make_array(signature.return_type)(context, builder)
+        sizes = cgutils.unpack_tuple(builder, values[1])  # type: ignore[no-untyped-call]
+        strides = [context.get_constant(types.intp, 8)]
+        for size in reversed(sizes[1:]):
+            strides.insert(0, builder.mul(strides[0], size))
+        data = builder.inttoptr(values[0], ir.DoubleType().as_pointer())
+        populate_array(array, data, sizes, strides, 8, None)  # type: ignore[no-untyped-call]
+        return array._getvalue()
+
+    sizes = types.UniTuple(types.intp, len(shape))  # type: ignore[no-untyped-call]
+    return types.Array(types.float64, len(shape), "C")(types.intp, sizes), build
+
+
+array_at: Any = intrinsic(_array_at)
+"""``array_at(address, shape)``: the array of float64 of a shape that lies at an address, in compiled code."""
 
 
 space_step = _bind("cpSpaceStep", _nothing, _pointer, _real)

@@ -76,7 +76,8 @@ def clear_episode(env: Any) -> None:
 @inlined
 def table_of(env: Any, shape: Any) -> Array:
     """The table of an environment's episode (`Task.write_table`), with the shape that the task has declared."""
-    return array_at(env.table, shape)
+    table: Array = array_at(env.table, shape)
+    return table
 
 
 @inlined

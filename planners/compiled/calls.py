@@ -15,6 +15,7 @@ from numba import from_dtype, njit, typeof, types
 from numba.core import cgutils
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
+from numba.np.arrayobj import _empty_nd_impl
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -132,6 +133,19 @@ def _clear_array(typing_context: Any, target: Any) -> Any:
         raise TypeError(f"clear_array takes a contiguous array, not {target}")
     return types.void(target), build
 
+
+def _new_array(typing_context: Any, *shape: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        sizes = cgutils.unpack_tuple(builder, values[0])  # type: ignore[no-untyped-call]
+        array = _empty_nd_impl(context, builder, signature.return_type, sizes)  # type: ignore[no-untyped-call]
+        return array._getvalue()
+
+    sizes = types.UniTuple(types.intp, len(shape))  # type: ignore[no-untyped-call]
+    return types.Array(types.float64, len(shape), "C")(sizes), build
+
+
+new_array: Any = intrinsic(_new_array)
+"""``np.empty(shape)`` in compiled code, ``new_array(*shape)``: Numba compiles that one anew for each kind of shape."""
 
 copy_array: Any = intrinsic(_copy_array)
 """``target[:len(source)] = source`` in compiled code, for contiguous arrays; it compiles faster than a loop."""

@@ -26,9 +26,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from planners.compiled.calls import private
+from planners.compiled.calls import clear_array, new_array, private
 from planners.robot.dynamics import solve_mass_matrix
 from planners.typing import Array
 
@@ -41,7 +39,8 @@ def torque_single(chain: Chain, load: Array, q: Array, qd: Array, qd_r: Array, q
     """Joint torques (N m) of one row, written to ``tau``: see the module."""
     n = q.shape[0]
     frames, gravity, inertia, drives = chain
-    turns, motion, wrench = np.empty((n, 2)), np.empty((n, 6, 3)), np.zeros((n, 6))
+    turns, motion, wrench = new_array(n, 2), new_array(n, 6, 3), new_array(n, 6)
+    clear_array(wrench)
     _turn(q, turns)
     _move(frames, gravity, turns, qd, qd_r, qdd_r, motion)
     for i in range(n):
@@ -59,7 +58,8 @@ def regressor_single(
     """Torques (N m) that each load of ``basis`` ``(p, 10)`` adds, written to ``columns`` ``(n, p)``."""
     n = q.shape[0]
     frames, gravity, _, _ = chain
-    turns, motion, wrench, tau = np.empty((n, 2)), np.empty((n, 6, 3)), np.zeros((n, 6)), np.empty(n)
+    turns, motion, wrench, tau = new_array(n, 2), new_array(n, 6, 3), new_array(n, 6), new_array(n)
+    clear_array(wrench)
     _turn(q, turns)
     _move(frames, gravity, turns, qd, qd_r, qdd_r, motion)
     for k in range(basis.shape[0]):
@@ -79,7 +79,8 @@ def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
     """
     n = q.shape[0]
     frames, _, inertia, drives = chain
-    turns, wrench, bodies = np.empty((n, 2)), np.zeros((n, 6)), inertia.copy()
+    turns, wrench, bodies = new_array(n, 2), new_array(n, 6), inertia.copy()
+    clear_array(wrench)
     for i in range(load.shape[0]):
         bodies[n - 1, i] += load[i]
     _turn(q, turns)
@@ -100,8 +101,9 @@ def mass_matrix_single(chain: Chain, load: Array, q: Array, m: Array) -> None:
 def acceleration_single(chain: Chain, load: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
     """Joint accelerations (rad/s^2) of one row under torques ``tau``, written to ``qdd``."""
     n = q.shape[0]
-    bias, m = np.empty(n), np.empty((n, n))
-    torque_single(chain, load, q, qd, qd, np.zeros(n), bias)
+    bias, nothing, m = new_array(n), new_array(n), new_array(n, n)
+    clear_array(nothing)
+    torque_single(chain, load, q, qd, qd, nothing, bias)
     mass_matrix_single(chain, load, q, m)
     for i in range(n):
         qdd[i] = tau[i] - bias[i]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import njit, types
 
-from planners.compiled.calls import Kernel, call, call_real, clear_array, copy_array, private
+from planners.compiled.calls import Kernel, call, call_real, clear_array, copy_array, new_array, private
 
 SHORT = np.dtype([("a", "f8"), ("q", "f8", (2,)), ("n", "i8")], align=True)
 LONG = np.dtype([("a", "f8"), ("q", "f8", (2,)), ("n", "i8"), ("more", "f8", (3,))], align=True)
@@ -101,3 +101,21 @@ def test_whole_arrays_are_copied_and_cleared() -> None:
 def test_only_contiguous_arrays_of_one_kind_are_copied(source: Any) -> None:
     with pytest.raises(TypeError, match="copy_array takes contiguous arrays of one kind"):
         _copy(np.zeros(3), source)
+
+
+@njit
+def _filled(n: int) -> Any:
+    row, block = new_array(n), new_array(2, n, 3)
+    clear_array(block)
+    for i in range(n):
+        row[i] = block[1, i, 2] = i + 0.5
+    return row, block
+
+
+def test_a_new_array_has_the_shape_that_is_asked() -> None:
+    row, block = _filled(4)
+    expected = np.zeros((2, 4, 3))
+    expected[1, :, 2] = row
+    assert row.tolist() == [0.5, 1.5, 2.5, 3.5]
+    assert block.flags.c_contiguous
+    assert np.array_equal(block, expected)
