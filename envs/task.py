@@ -11,26 +11,17 @@ from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from envs.arms import require_links
-from envs.batch.batch import Batch
+from envs.batch.assembly import assemble
 from envs.batch.exclusive import exclusive, refuse_second
-from envs.batch.records import Fields, Records, make_records, public_view
+from envs.batch.records import Fields, Records, public_view
 from envs.batch.state import Episodes, State, checked_state
 from envs.card import Control, task_card
 from envs.observation import Layout, Observation
-from envs.physics.actuation import (
-    LIMIT_KINDS,
-    ControlMode,
-    actuation_constants,
-    actuation_env_fields,
-    arm_kernels,
-)
-from envs.physics.closed_form import closed_form_constants
-from envs.physics.episode import EPISODE_FIELDS
-from envs.physics.rigid_bodies import arm_constants, arm_fields, model_record, whole_multiple
+from envs.physics.actuation import LIMIT_KINDS, ControlMode
+from envs.physics.rigid_bodies import whole_multiple
 from envs.rendering import Scene
 from envs.settings import Settings, refuse_unknown
 from envs.task_settings import LimitSettings as LimitSettings
@@ -112,50 +103,11 @@ class Task(ABC):
         table_shape: tuple[int, ...] = (),
         kernels: Mapping[str, Kernel | None] = MappingProxyType({}),
     ) -> None:
-        n, observed = arm.n_joints, self.layout.size
         self.config = config
         self.arm = arm
         self.horizon_steps = whole_periods(config, "horizon", config.horizon)
-        common: Fields = [*arm_fields(n), *actuation_env_fields(n), *EPISODE_FIELDS]
-        own: Fields = [
-            ("action", "f8", (self.action_size(config, arm),)),
-            ("seen", self.layout.record),
-            ("observation", "f4", (observed,)),
-            ("reward_terms", "f8", (len(self.reward_terms),)),
-            *env_fields,
-        ]
-        mode = self.actuation_mode(config)
         self.uncertainty = Uncertainty(config, arm)
-        loaded = arm.with_payload(self.uncertainty.ends["payload"][0])
-        shared = {
-            "control_period": config.control_period,
-            **arm_constants(loaded, config.control_period, config.physics_step),
-            **actuation_constants(arm, mode),
-            **closed_form_constants(loaded, config.physics),
-        }
-        used = {**arm_kernels(mode, config.physics), **self.uncertainty.kernels(), **kernels}
-        model = model_record(
-            {
-                **shared,
-                "scales": self.layout.scales,
-                "bounds": self.layout.bounds,
-                "horizon_steps": self.horizon_steps,
-                **config.numbers(),
-                **dict.fromkeys(used, 0),
-                **constants,
-            }
-        )
-        self._batch = Batch(self.kernels, loaded, num_envs, [*common, *own], model, table_shape)
-        # Kernels of every task know the first fields only, and are the same for tasks with as many joints.
-        first = make_records(0, common).dtype, model_record(shared).dtype
-        for name, kernel in used.items():
-            if kernel is not None and name == "physics_kernel":
-                model[name] = kernel.address(self._batch.records, model, *(types.intp,) * 3)
-            elif kernel is not None:
-                whole = self._batch.records.dtype, model.dtype
-                model[name] = kernel.address(*(whole if name in kernels else first))
-        if self.uncertainty.noisy and not self.measures:
-            model["measure_kernel"] = self._measuring().address(self._batch.records, model, types.intp)
+        self._batch = assemble(self, num_envs, env_fields, constants, table_shape, kernels)
         self._ready, self._in_use = False, Lock()
 
     @property
@@ -373,20 +325,6 @@ class Task(ABC):
             horizon=max(float(seen["time_left"][0]), self.config.control_period),
             **more,
         )
-
-    def _measuring(self) -> Kernel:
-        """The kernel that observes with noise.
-
-        Raises:
-            ValueError: if the task has none.
-        """
-        if not hasattr(self.kernels, "MEASURE"):
-            raise ValueError(
-                f"{self.env_id} observes without noise: encoder_noise, velocity_noise and camera_noise must be 0, or "
-                "its module of kernels needs a kernel MEASURE (docs/environments/uncertainty.md)"
-            )
-        kernel: Kernel = self.kernels.MEASURE
-        return kernel
 
     def _parsed(self, options: Options) -> Any:
         return self.options_type.parse(options, f"{self.env_id} option")
