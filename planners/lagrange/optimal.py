@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, get_args
@@ -42,6 +43,9 @@ TIME_MARGIN = 1.25
 SETTLED = 0.5
 """Least time from the rendezvous to the horizon, if possible, s."""
 
+LONGER = (1.02, 1.5)
+"""Horizons tried for the advice of a refusal, as multiples of the earliest rendezvous that a quick probe finds."""
+
 MET = np.array([[1e-6], [1e-6], [1e-3]])
 """Differences of joint angle, velocity and acceleration (SI units) below which the arm already follows the target."""
 
@@ -54,6 +58,7 @@ class Settings(NamedTuple):
     objective: Objective
     degree: int
     polish: bool
+    elbow: Elbow
     rendezvous_time: float | None
     guess: Curve | None
     explain: bool
@@ -123,9 +128,9 @@ def plan_optimal(
     move = JointMove(problem.loaded_arm, problem.joint_limits, Ends(start, start), problem.horizon, clamp)
     _require_within_limits(move, 0, "start", 1.0 + START_TOLERANCE)
     curve = None if guess is None else (lambda s: guess.at(s * guess.duration)[0])
-    settings = Settings(objective, nodes - 1, polish, rendezvous_time, curve, explain)
+    settings = Settings(objective, nodes - 1, polish, elbow, rendezvous_time, curve, explain)
     if isinstance(problem.target, MovingHand):
-        return _plan_rendezvous(problem, move, find_rides(problem, problem.target, elbow), settings)
+        return _plan_rendezvous(problem, move, settings)
     return _plan_to_rest(problem, move, goal_postures(problem, problem.target, elbow), settings)
 
 
@@ -145,36 +150,61 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
     return _with_cost(trajectory, settings)
 
 
-def _plan_rendezvous(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> Trajectory:
+def _plan_rendezvous(problem: MotionProblem, move: JointMove, settings: Settings) -> Trajectory:
     """Meet a moving target and follow it with one of the rides."""
+    assert isinstance(problem.target, MovingHand)
+    rides, given = find_rides(problem, problem.target, settings.elbow), settings.rendezvous_time
     for ride in rides:
         window = ride.window_at(0.0)
-        if settings.rendezvous_time is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
+        if given is None and window and (np.abs(ride.state_at(0.0) - move.ends.start) < MET).all():
             riding = sample_ride(ride.line, 0.0, min(problem.horizon, window.closes))
             return _with_cost(to_trajectory(ride.line, [riding], window.closes, 0.0, 0.0, _PLANNER), settings)
-    time = settings.rendezvous_time or _choose_time(rides, move, problem.horizon)
-    open_rides = [(ride, window) for ride in rides if (window := ride.window_at(time)) is not None]
-    if not open_rides:
-        raise Infeasible("no_window", f"at {time:.4g} s following the target breaks a limit; choose another time")
-    moves = [move.to(ride.state_at(time), time) for ride, _ in open_rides]
-    fit = _best_fit(moves, settings)
-    if fit is None:
-        found = earliest(rides, move, problem.horizon, problem.horizon) if settings.explain else math.inf
-        raise too_late(time, found)
+    if given is not None and not any(ride.window_at(given) for ride in rides):
+        raise Infeasible("no_window", f"at {given:.4g} s following the target breaks a limit; choose another time")
+    times = [given] if given else _times(rides, move, problem.horizon)
+    for time in times:
+        open_rides = [(ride, window) for ride in rides if (window := ride.window_at(time)) is not None]
+        moves = [move.to(ride.state_at(time), time) for ride, _ in open_rides]
+        fit = _best_fit(moves, settings) if moves else None
+        if fit is not None:
+            break
+    else:
+        raise too_late(given or problem.horizon, _enough(problem, move, rides, settings))
     ride, window = next(pair for pair, joining in zip(open_rides, moves, strict=True) if joining is fit.minimum.move)
     riding = sample_ride(ride.line, time, max(time, min(problem.horizon, window.closes)))
     trajectory = to_trajectory(ride.line, [_sample(fit), riding], window.closes, time, 0.0, _PLANNER)
     return _with_cost(replace(trajectory, problem=problem), settings)
 
 
-def _choose_time(rides: Sequence[Ride], move: JointMove, horizon: float) -> float:
-    """A rendezvous time with a margin over the earliest one."""
-    preferred = max(horizon - SETTLED, 0.5 * horizon)
+def _preferred(horizon: float) -> float:
+    """Latest rendezvous with time to follow the target until the horizon, s."""
+    return max(horizon - SETTLED, 0.5 * horizon)
+
+
+def _times(rides: Sequence[Ride], move: JointMove, horizon: float) -> list[float]:
+    """Times for the rendezvous, s: with a margin over the earliest one, and later ones should that fail."""
+    preferred = _preferred(horizon)
     soonest = earliest(rides, move, preferred, horizon)
     if soonest > horizon:
-        raise too_late(horizon, soonest)
+        return []
     closes = max(window.closes for ride in rides for window in ride.windows if window.opens <= soonest)
-    return max(soonest, min(TIME_MARGIN * soonest, preferred, closes))
+    time = max(soonest, min(TIME_MARGIN * soonest, preferred, closes))
+    latest = min(horizon, closes)
+    return [time, *(later for later in (math.sqrt(time * latest), latest) if later > 1.01 * time)]
+
+
+def _enough(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], settings: Settings) -> float:
+    """A time in which a motion is found where none is in the given one, s; inf if there is none."""
+    horizon, given = problem.horizon, settings.rendezvous_time
+    soonest = earliest(rides, move, horizon, horizon) if settings.explain else math.inf
+    if math.isinf(soonest) or (soonest <= horizon and given is None):
+        return math.inf
+    free = settings._replace(rendezvous_time=None, explain=False)
+    for longer in [horizon] if soonest <= horizon else [factor * soonest for factor in LONGER]:
+        with suppress(Infeasible):
+            found = _plan_rendezvous(replace(problem, horizon=longer), move, free)
+            return found.rendezvous_time if longer == horizon else longer
+    return math.inf
 
 
 def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:

@@ -111,3 +111,33 @@ def test_the_least_time_is_found_from_a_tiny_horizon() -> None:
         lagrange.plan(problem)
     minimum = refusal.value.details["minimum_time"]
     assert lagrange.plan(replace(problem, horizon=minimum)).limit_ratio <= 1.0
+
+
+def test_a_later_rendezvous_is_tried_where_the_chosen_one_fails() -> None:
+    """The quick probe of the least time finds 1.315 s, in which no motion keeps the limits between its samples."""
+    limits = JointLimits(
+        velocity=(4.224987407373404, 1.2580078738520564, 4.643778410660804),
+        jerk=(115.27401272433711, 83.82569695672416, 54.18536406430581),
+    )
+    lengths = 0.5191752830342246, 0.3636085150044166, 0.5905813102331076
+    arm = Arm("arm", lengths, (2.5140796, 0.60915089, 1.39908519), limits, gravity=9.81)
+    target = MovingHand((0.83569043, -0.0653228), (0.15611778, -0.02928711))
+    problem = MotionProblem(arm, (0.33693446, 0.51922616, -1.99932711), target, 1.683170721943362)
+    motion = lagrange.plan(problem)
+    assert max(loads(problem, motion).values()) <= 1.0 + 1e-6
+    riding = np.linspace(motion.rendezvous_time, motion.duration, 301)
+    hands = arm.forward_kinematics(motion.at(riding)[0])
+    np.testing.assert_allclose(hands, target.at(riding)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("horizon", "asked"), [(0.8, None), (3.0, 1.4)])
+def test_the_time_that_a_late_rendezvous_is_refused_with_is_enough(horizon: float, asked: float | None) -> None:
+    hand = np.array([-0.8, 1.732])
+    moving = MovingHand(hand - (0.1, 0.0), np.array([0.2, 0.0]))
+    problem = MotionProblem(SCARA_1M, SCARA_1M.inverse_kinematics(hand)[0], moving, horizon)
+    with pytest.raises(Infeasible, match="allow at least") as refusal:
+        lagrange.plan(problem, rendezvous_time=asked)
+    minimum = refusal.value.details["minimum_time"]
+    assert isinstance(minimum, float)
+    for longer in (1.0, 1.001, 1.5):
+        assert lagrange.plan(replace(problem, horizon=max(problem.horizon, longer * minimum))).limit_ratio <= 1.0
