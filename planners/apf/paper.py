@@ -44,7 +44,7 @@ PERIOD = 1e-4
 Outcome = Literal["reached", "collision", "local_minimum", "late"]
 
 _MEASURING_TIME = 0.01  # s
-_MOST_SAMPLES = 5_000_000
+_MOST_SAMPLES = 500_000
 _STALL_TIME, _STALL_SHARE = 0.5, 0.1  # s; of the distance that the bowl alone moves the hand in that time
 
 
@@ -90,7 +90,7 @@ def plan_paper(
         problem: a two-link arm and a target at rest. Its limits are not kept.
         square, distance, attraction, repulsion, influence, norm: as for :func:`planners.apf.hand_field.make_field`.
         period: of the sampling, s; when left out `PERIOD`, or half of a horizon shorter than two. A motion has at
-            most 5 million samples: a longer horizon is not followed to its end.
+            most 500,000 samples: a longer horizon is not followed to its end.
         tolerance: distance from the goal that counts as reached, m; the hand still moves at xi times that.
 
     Returns:

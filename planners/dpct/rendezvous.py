@@ -32,6 +32,11 @@ DENSE_STEP, MOST_PARTS = 0.002, 400
 BOLD, CAREFUL = 0.3, 0.1
 """Largest change of T in one step of the first and of the second attempt, as a fraction of it."""
 
+WIDE, EARLY = 1000.0, 0.05
+"""Range of rendezvous times, s, above which the search begins with its early part, and the share of the range up to
+which a first guess leads there: guesses are spread over the whole range.
+"""
+
 PROBES = 13
 """Given rendezvous times that are tried where a free one fails."""
 
@@ -96,10 +101,19 @@ def find_rendezvous(
         if aim.rendezvous_time is not None:
             low = high = aim.rendezvous_time
         if low <= high:
-            solution = _optimum(line, tracking, low, high, aim, guess)
+            solution = _early(line, tracking, low, high, aim) or _optimum(line, tracking, low, high, aim, guess)
             if solution is not None:
                 return window, solution
     return None
+
+
+def _early(line: Line, tracking: Tracking, low: float, high: float, aim: Aim) -> Solution | None:
+    """The optimum in the part of a very wide range before a quintic that meets the target; None in other ranges."""
+    end = high
+    while end - low > WIDE and (first := guess_time(tracking, low, end)) - low < EARLY * (end - low):
+        tracking = tracking._replace(speed=tracking.speed * (end / first))  # a scale that is right for the part
+        end = first
+    return _optimum(line, tracking, low, end, aim, None) if end < high else None
 
 
 def meets_at(tracking: Tracking, time: float) -> Solution | None:

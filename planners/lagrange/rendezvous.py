@@ -25,8 +25,13 @@ from planners.typing import Array
 TARGET_SAMPLES = 81
 """Number of samples of the target's path."""
 
-HALVINGS = 5
-"""Bisections of the time of the earliest rendezvous."""
+HALVINGS, UNCERTAIN, SHORTEST = 5, 0.25, 0.01
+"""Least number of bisections of the time of the earliest rendezvous; its error, as a fraction of it, after the last;
+and a time that needs no more of them, s.
+"""
+
+ENDS = (1.0, 0.5, 0.1)
+"""Times that are tried first, as shares of a window: at its end the target may be on the rim of the reach."""
 
 MOST_RIDES = 4
 
@@ -58,14 +63,18 @@ class Ride:
         none.
         """
         for window in self.windows:
-            high = min(window.closes, latest)
-            low = window.opens
-            if high <= low or not reaches(move.to(self.state_at(high), high)):
+            low, last = window.opens, min(window.closes, latest)
+            ends = [low + share * (last - low) for share in ENDS] if last > low else []
+            high = next((end for end in ends if reaches(move.to(self.state_at(end), end))), None)
+            if high is None:
                 continue
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
+            halvings = 0
+            while halvings < HALVINGS or (high - low > UNCERTAIN * high and high > SHORTEST):
+                later = halvings >= HALVINGS  # a range that is long against the move
+                middle = math.sqrt(max(low, 0.1 * SHORTEST) * high) if later else 0.5 * (low + high)
                 met = reaches(move.to(self.state_at(middle), middle))
                 low, high = (low, middle) if met else (middle, high)
+                halvings += 1
             return high
         return math.inf
 

@@ -18,7 +18,8 @@ from planners.dpct.free.constraints import Chase, roll_out
 from planners.dpct.free.ride import Reference, Ride
 from planners.dpct.free.solver import guess_time, solve
 from planners.dpct.optimal import plan_optimal
-from planners.motion.line_motion import KINDS
+from planners.dpct.rendezvous import EARLY, WIDE
+from planners.motion.line_motion import KINDS, LONGEST_RIDE
 from planners.problem import Infeasible, MotionProblem, limit_broken
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -157,7 +158,11 @@ def _within_limits(
 ) -> Trajectory | None:
     """The earliest meeting with a time within the tolerances before, or None."""
     low, high = bounds
-    first = guess_time(chase, low, high)
+    end, first = high, guess_time(chase, low, high)
+    while end - low > WIDE and first - low < EARLY * (end - low):
+        end, first = first, guess_time(chase, low, first)
+    if end < high and (plan := _within_limits(reference, chase, tail, (low, end), start_load)) is not None:
+        return plan
     for guess, largest_change in ((min(1.5 * first, 0.5 * (first + high)), BOLD), (0.5 * (low + high), CAREFUL)):
         plan = _from_guess(reference, chase, tail, (low, high), start_load, guess, largest_change)
         if plan is not None:
@@ -237,7 +242,8 @@ def _trajectory(reference: Reference, errors: Array, t: Array, meeting: float) -
     """Errors of the joints before the meeting, ``(samples, 4, n)``, and the ride after it."""
     ride, problem = reference.ride, reference.ride.problem
     closes = float(ride.times[reference.window.last])
-    riding = np.linspace(meeting, closes, max(2, math.ceil((closes - meeting) / reference.step) + 1))
+    end = min(closes, meeting + LONGEST_RIDE)
+    riding = np.linspace(meeting, end, max(2, math.ceil((end - meeting) / reference.step) + 1))
     q, qd, qdd, _ = np.moveaxis(reference.at(np.concatenate([t, riding])), 1, 0)
     for motion, error in zip((q, qd, qdd), np.moveaxis(errors, 1, 0), strict=False):
         motion[: len(t)] += error
