@@ -108,7 +108,7 @@ def _answer(given: list[str]) -> int:
         return _complain(named, error, 2)
     except OSError as error:
         if error.errno is None or error.filename is not None:
-            return _complain(named, error, 1)
+            return _complain(named, f"{error.filename}: {error.strerror}" if error.strerror else error, 1)
         _print_no_more()
         return _complain(named, f"cannot print: {error.strerror}", 1)
     return code

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,10 @@ FEW = Soak(steps=16 * BLOCK, closes=12, num_envs=16)
 
 @pytest.mark.parametrize(("env_id", "mode"), [(env_id, mode) for env_id in envs.env_ids() for mode in modes_of(env_id)])
 def test_random_steps_stay_finite_and_inside_the_observation_space(env_id: str, mode: str) -> None:
-    record = soak(env_id, mode, FEW)
-    assert record.faults == []
-    assert record.count == FEW.steps
+    for autoreset_mode in ("SameStep", "NextStep"):
+        record = soak(env_id, mode, replace(FEW, autoreset_mode=autoreset_mode))  # type: ignore[arg-type]
+        assert record.faults == []
+        assert record.count == FEW.steps
 
 
 @pytest.mark.parametrize("kind", ["single", "batch", "rendered"])

@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -53,6 +53,8 @@ class Soak:
     num_envs: int = 256
     """environments of the batch"""
     seed: int = 0
+    autoreset_mode: Literal["SameStep", "NextStep"] = "SameStep"
+    """when the next episode begins: in the step that ends one, or in the following step"""
     env: str | None = None
     """only this one"""
 
@@ -99,8 +101,9 @@ def soak(env_id: str, mode: str, options: Soak) -> Record:
     """Step a batch of an environment in a control mode."""
     record = Record(f"{env_id} {mode}")
     generator = np.random.default_rng([options.seed, len(env_id), len(mode)])
-    batch = gym.make_vec(env_id, num_envs=options.num_envs, control_mode=mode, autoreset_mode="SameStep")
-    alone = gym.make_vec(env_id, num_envs=1, control_mode=mode, autoreset_mode="SameStep")
+    settings: dict[str, Any] = {"control_mode": mode, "autoreset_mode": options.autoreset_mode}
+    batch = gym.make_vec(env_id, num_envs=options.num_envs, **settings)
+    alone = gym.make_vec(env_id, num_envs=1, **settings)
     space: Any = batch.single_observation_space
     shape = batch.single_action_space.shape or ()
     began = time.perf_counter()
