@@ -13,8 +13,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from envs.card import Control
 from envs.observation import Observation
-from planners.checks import refuse_unknown
+from planners.checks import float_array, refuse_unknown
 from planners.typing import Array
 
 _FLOATS = np.dtype(np.float32), np.dtype(np.float64)
@@ -88,6 +89,25 @@ def checked_starts(given: Any, count: int) -> NDArray[np.bool_]:
             f"{np.shape(given)}"
         )
     return array.astype(np.bool_)
+
+
+def checked_change(control: Control, points: int, value: Any, index: Any) -> tuple[Any, ...]:
+    """What a control writes: a number, or a position and the index of one of so many points.
+
+    Raises:
+        ValueError: for anything but a finite number in the control's span, or the finite position of a point there is.
+    """
+    number, span = float_array(control.title, value), control.span
+    if number.shape != (() if span else (2,)) or not np.isfinite(number).all():
+        wanted = "a finite number" if span else "a finite position (x, y), m"
+        raise ValueError(f"{control.title} must be {wanted}; found {_shown(value)}")
+    if span:
+        if not span[0] <= number <= span[1]:
+            raise ValueError(f"{control.title} {number:g} must be from {span[0]:g} to {span[1]:g}")
+        return (float(number),)
+    if index not in range(points):
+        raise ValueError(f"{control.title} {_shown(index)} must be from 0 to {points - 1}")
+    return number, int(index)
 
 
 def checked_count(name: str, value: Any, hint: str = "") -> int:

@@ -19,6 +19,7 @@ from envs.batch.exclusive import exclusive, refuse_second
 from envs.batch.records import Fields, Records, public_view
 from envs.batch.state import Episodes, State, checked_state
 from envs.card import Control, task_card
+from envs.checks import checked_change
 from envs.observation import Layout, Observation
 from envs.physics.actuation import LIMIT_KINDS, ControlMode
 from envs.physics.rigid_bodies import whole_multiple
@@ -189,10 +190,15 @@ class Task(ABC):
         self._ready = other._ready
 
     @exclusive
-    def change(self, env_index: int, control: Control, *value: Any) -> bool:
-        """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says."""
+    def change(self, env_index: int, control: Control, value: Any, index: int = 0) -> bool:
+        """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says.
+
+        Raises:
+            ValueError: for a value that the control does not take, or that is impossible.
+        """
         record = self._batch.record(env_index)
-        done = control.write(self, record, *value)
+        points = 0 if control.span else len(control.read(self, record))
+        done = control.write(self, record, *checked_change(control, points, value, index))
         if done:
             self._batch.refresh(env_index)
         return done

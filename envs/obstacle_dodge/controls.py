@@ -25,9 +25,6 @@ def _move_goal(task: Any, record: Any, point: Array, index: int = 0) -> bool:
 
 
 def _move_disc(task: Any, record: Any, point: Array, index: int = 0) -> bool:
-    free = task.config.num_obstacles
-    if not index < free:
-        raise ValueError(f"there are {free} discs, counted from 0; {index} is none of them")
     paths = _continue_paths(task, record)
     paths[:, index] += point - record["discs"][index]
     task.write_table(record, paths)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -69,3 +70,21 @@ def test_experts_are_those_of_the_cards() -> None:
 def test_importing_envs_loads_no_card() -> None:
     code = "import sys, envs; print([name for name in sys.modules if name.startswith(('envs.experts', 'planners'))])"
     assert subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True) == "[]\n"
+
+
+@every_env
+def test_a_control_takes_what_it_says_and_refuses_the_rest(env_id: str) -> None:
+    env: Any = gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    for control in envs.task_card(env_id).controls:
+        bad: list[tuple[Any, ...]] = [("x",), (None,), (np.nan,), ([np.inf, 0.0],), ([[0.1, 0.1]],)]
+        if control.span is None:
+            bad += [(0.1,), ([0.1, 0.1], -1), ([0.1, 0.1], 9), ([0.1, 0.1], 0.5)]
+        else:
+            bad += [([0.1, 0.1],), (control.span[0] - 1.0,), (1e300,)]
+        for given in bad:
+            before = env.task.batch.tobytes()
+            with pytest.raises(ValueError, match=re.escape(control.title)):
+                env.task.change(0, control, *given)
+            assert env.task.batch.tobytes() == before
+        assert env.task.change(0, control, [0.3, 0.2] if control.span is None else np.float32(0.5 * sum(control.span)))
