@@ -26,6 +26,9 @@ RANGE_MARGIN = 0.01
 TORQUE_SLACK = 1e-5
 """Share of a torque limit by which a projection may exceed it."""
 
+LIGHTEST = 1e-140
+"""Inertia, kg m^2, down to which squares are computed as they are, and up to its inverse."""
+
 
 @njit(cache=True, nogil=True)
 def smooth_bounds(
@@ -157,8 +160,14 @@ def project_off_limit(row: Array, excess: float, lower: Array, upper: Array, qdd
 
     ``row`` is the joint's row of the mass matrix, kg m^2; ``lower`` and ``upper`` bound ``qdd``, all ``(n,)``.
     """
+    largest = 0.0
+    for i in range(row.shape[0]):
+        largest = max(largest, abs(row[i]))
+    if largest == 0.0:  # no acceleration changes the torque
+        return
+    unit = 1.0 if LIGHTEST < largest < 1.0 / LIGHTEST else largest
     scale = 0.0
     for i in range(row.shape[0]):
-        scale += row[i] * row[i]
+        scale += (row[i] / unit) ** 2
     for i in range(row.shape[0]):
-        qdd[i] = min(upper[i], max(lower[i], qdd[i] - row[i] * excess / scale))
+        qdd[i] = min(upper[i], max(lower[i], qdd[i] - row[i] / unit * (excess / unit) / scale))

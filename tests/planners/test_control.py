@@ -121,11 +121,18 @@ def test_scaled_accelerations_keep_the_torque_limits(values: list[float]) -> Non
     assert np.dot(scaled, qdd) >= 0.0
 
 
-def test_projection_takes_the_excess_off_one_joint() -> None:
-    mass, qdd = PLANAR_3R.mass_matrix([0.3, 1.0, -0.4]), np.array([30.0, -10.0, 20.0])
+@pytest.mark.parametrize("unit", [1.0, 1e-170, 1e-300, 1e170])
+def test_projection_takes_the_excess_off_one_joint(unit: float) -> None:
+    mass, qdd = unit * PLANAR_3R.mass_matrix([0.3, 1.0, -0.4]), np.array([30.0, -10.0, 20.0])
     limit, free = 0.9 * np.abs(mass @ qdd), np.full(3, np.inf)
     joint, excess = worst_excess(mass @ qdd, limit)
     assert excess == pytest.approx((mass @ qdd)[joint] * 0.1)
     project_off_limit(mass[joint], excess, -free, free, qdd)
     assert abs(mass[joint] @ qdd) == pytest.approx(limit[joint])
     assert worst_excess(mass @ qdd, np.abs(mass @ qdd))[1] == 0.0
+
+
+def test_projection_leaves_a_joint_alone_that_no_acceleration_loads() -> None:
+    qdd, free = np.array([3.0, -1.0]), np.full(2, np.inf)
+    project_off_limit(np.zeros(2), 5.0, -free, free, qdd)
+    np.testing.assert_array_equal(qdd, [3.0, -1.0])
