@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,3 +63,19 @@ def test_two_links_among_discs_need_a_hundredth_of_it(monkeypatch: pytest.Monkey
     first = lagrange.plan(problem, variant="via", contact="delay")
     monkeypatch.setattr(planner, "MOST_WORK", 0.01 * planner.MOST_WORK)
     np.testing.assert_array_equal(first.q, lagrange.plan(problem, variant="via", contact="delay").q)
+
+
+def test_a_refusal_names_a_time_only_where_no_search_has_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm("two", [0.5, 0.5], [2.0, 2.0], gravity=0.0, link_radius=0.03)
+    limits = JointLimits(velocity=[2.4, 2.4], acceleration=[4.5, 8.0])
+    late = MotionProblem(arm, np.array([-0.9, 1.0]), FixedJoints([0.6, 1.0]), 0.3, limits=limits)
+    with pytest.raises(Infeasible, match="are enough") as refusal:
+        lagrange.plan(late, variant="via")
+    enough = refusal.value.details["minimum_time"]
+    assert isinstance(enough, float)
+    for longer in (1.0, 1.001, 2.0):
+        assert lagrange.plan(replace(late, horizon=longer * enough), variant="via").duration <= longer * enough
+    monkeypatch.setattr(planner, "MOST_WORK", 2e4)
+    with pytest.raises(Infeasible, match="allow more time") as refusal:
+        lagrange.plan(late, variant="via")
+    assert "minimum_time" not in refusal.value.details

@@ -152,7 +152,9 @@ def _within_torques(
 def _enough(
     problem: MotionProblem, situation: Situation, options: Options, goals: Array, soonest: float
 ) -> float | None:
-    """A horizon with which a motion is found, s; None if there is none up to `MOST_HORIZONS` times the least time."""
+    """A horizon with which a motion is found, s; None if none is up to `MOST_HORIZONS` times the least time, or where
+    a search may have ended after its share of work: then one within another horizon need not find that motion.
+    """
 
     def found(horizon: float) -> Trajectory | None:
         longer = replace(problem, horizon=horizon)
@@ -169,7 +171,8 @@ def _enough(
     if trajectory is None:
         return None
     horizons = (factor * max(trajectory.duration, problem.horizon) for factor in LONGER)
-    return next((horizon for horizon in horizons if horizon < longest and found(horizon)), longest)
+    enough = next((horizon for horizon in horizons if horizon < longest and found(horizon)), longest)
+    return enough if MOST_WORK - situation.left[0] < 0.5 * MOST_WORK / len(goals) else None
 
 
 def _search(problem: MotionProblem, situation: Situation, options: Options, goals: Array, *, delay: bool) -> Trajectory:
