@@ -79,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
+        import_module("planners.compile_cache").delete_temporary()
         os._exit(code)
     return code
 

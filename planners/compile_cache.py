@@ -113,22 +113,23 @@ def cache_place() -> str:
     return f"kept in __pycache__ beside the source in {_ROOT}" if beside else f"kept in {folder.parent}"
 
 
-_temporary: list[Path] = []
+_temporary: list[tuple[Path, int]] = []  # with the process that made it
 
 
 def temporary_folder(warning: str) -> Path:
     """A folder that is deleted at the end of this process; the first use in it warns."""
     if not _temporary:
-        folder, owner = Path(tempfile.mkdtemp(prefix="planarm-")), os.getpid()
-
-        def delete() -> None:
-            if os.getpid() == owner:  # not in a forked process
-                shutil.rmtree(folder, ignore_errors=True)
-
-        atexit.register(delete)
-        _temporary.append(folder)
+        _temporary.append((Path(tempfile.mkdtemp(prefix="planarm-")), os.getpid()))
+        atexit.register(delete_temporary)
         warnings.warn(warning, RuntimeWarning, stacklevel=3)
-    return _temporary[0]
+    return _temporary[0][0]
+
+
+def delete_temporary() -> None:
+    """Delete the temporary folder, if this process made one: for an end without Python's own tidying up."""
+    for folder, owner in _temporary:
+        if os.getpid() == owner:  # not in a forked process
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_private(folder: Path) -> bool:
