@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
+
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 """SplitMix64 hashes the multiples of this number."""
 
@@ -27,7 +29,7 @@ def to_unit(word: Any) -> Any:
     return (word >> _LOW_BITS) * 2.0**-53
 
 
-@njit(cache=True, nogil=True)
+@private
 def normal_pair(seed: int, count: int) -> tuple[float, float]:
     """Two independent standard normal numbers, the ``count``-th pair of a ``seed`` (both unsigned 64-bit integers).
 

@@ -6,9 +6,9 @@ The baseline of planners that minimise torque. From a moving start it is the qui
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planners.capabilities import Takes, variant
+from planners.compiled.calls import private
 from planners.motion.time_laws import quintic_motion, stop_motion
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.dynamics import inverse_dynamics_single
@@ -44,7 +44,7 @@ def plan(problem: MotionProblem) -> Trajectory:
     return sampled_trajectory(problem, t, q, qd, qdd, cost=cost, rendezvous_time=end, planner="quintic")
 
 
-@njit(cache=True, nogil=True)
+@private
 def quintic_effort(coupling: Array, weight: Array, q0: Array, qf: Array, duration: float, peak: Array) -> float:
     """PI1 (N m s) of the quintic from ``q0`` to ``qf``, ``(n,)``, in ``duration`` s; fills ``peak`` torques, N m."""
     n = q0.shape[0]

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from envs.excavator_payload.reference import HIGHEST, LOOKAHEAD, LOWEST, empty_machine, reference_at
 from envs.excavator_payload.world import N_JOINTS, change_load, move_links, tip_of
@@ -183,7 +182,7 @@ def _empty_bucket_torque(model: Any, q: Array, qd: Array, reference: Array, tau:
         tau[i] += model.damping[i] * (qd_r[i] - qd[i])
 
 
-@njit(cache=True, nogil=True)
+@private
 def add_noise(key: int, step: int, deviations: tuple[float, float], measured: Array) -> None:
     """Add noise to ``measured`` ``(2, n)``: angles and velocities, with two standard ``deviations``."""
     n = measured.shape[1]

@@ -152,8 +152,9 @@ def _clear_end(x: float, y: float, to_x: float, to_y: float, length: float) -> t
     far = max(math.hypot(to_x - x, to_y - y), 1e-9)
     along_x, along_y = (to_x - x) / far, (to_y - y) / far
     middle, square = x * along_x + y * along_y, x * x + y * y
-    length = min(length, -middle + math.sqrt(max(0.0, middle**2 - square + FARTHEST**2)))
-    chord = middle**2 - square + NEAREST**2
+    beside = middle * middle - square
+    length = min(length, -middle + math.sqrt(max(0.0, beside + FARTHEST * FARTHEST)))
+    chord = beside + NEAREST * NEAREST
     if middle < 0.0 and chord > 0.0:
         length = min(length, max(0.0, -middle - math.sqrt(chord)))
     return x + length * along_x, y + length * along_y
@@ -198,7 +199,8 @@ PATH_KERNELS = {
 @inlined
 def path_kernel(kind: int, arm: Any) -> int:
     """The address of the kernel for an index into `KINDS`; 0 until it is compiled."""
-    return int(arm.wander_kernel if kind == _WANDER else arm.legs_kernel)
+    address: int = arm.wander_kernel if kind == _WANDER else arm.legs_kernel
+    return address
 
 
 @inlined

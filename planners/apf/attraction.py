@@ -65,7 +65,7 @@ def attraction(
     return hardest
 
 
-@njit(cache=True, nogil=True)
+@private
 def linear_field(x: float, v: float, period: float, bandwidth: float) -> float:
     """Acceleration of ``x'' = -w^2 x - 2 zeta w x'`` in its exact form for a sampled motion.
 
@@ -81,7 +81,7 @@ def linear_field(x: float, v: float, period: float, bandwidth: float) -> float:
     return -stiffness * x - damping * v
 
 
-@njit(cache=True, nogil=True)
+@private
 def braking_distance(v: float, a: float, braking: tuple[float, float], jerk: float) -> float:
     """Signed distance of the stop in least time, m; it grows with ``v`` and with ``a``.
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.problem import ByValue
 from planners.typing import Array
 
@@ -78,7 +79,7 @@ def look_up(shifts: Array, max_speed: float, speed: float, direction: float) -> 
     return float((1.0 - u) * slower + u * faster)
 
 
-@njit(cache=True, nogil=True)
+@private
 def disc_shift(shifts: Array, max_speed: float, dx: float, dy: float, vx: float, vy: float) -> float:
     """delta rho, m, of a disc that has the hand at ``(dx, dy)`` m and moves at ``(vx, vy)`` relative to it."""
     direction = np.arctan2(vx * dy - vy * dx, vx * dx + vy * dy)

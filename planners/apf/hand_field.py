@@ -19,6 +19,7 @@ from numba import njit
 
 from planners.apf.distance_table import DistanceTable, disc_shift
 from planners.apf.khatib import Gains, make_gains, p_norm, wall
+from planners.compiled.calls import private
 from planners.typing import Array
 
 Distance = Literal["table", "static"]
@@ -93,7 +94,7 @@ def joint_rates_single(lengths: Array, q: Array, velocity: Array, rates: Array) 
     rates[1] = x2 * uy - y2 * ux
 
 
-@njit(cache=True, nogil=True)
+@private
 def hand_velocity_single(
     field: HandField,
     hand: Array,

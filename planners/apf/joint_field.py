@@ -70,7 +70,7 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
     return out
 
 
-@njit(cache=True, nogil=True)
+@private
 def least_acceleration(error: float, speed: float, periods: float, period: float) -> float:
     """Braking acceleration of one joint, held for the next period, in its exact form for sampled motions.
 

@@ -8,6 +8,7 @@ call, and do not depend on its code.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,16 +30,21 @@ def inlined(function: Function) -> Function:
 
 
 class _Private(CPUDispatcher):
-    def __call__(self, *_: object, **__: object) -> Any:
-        name = self.py_func.__name__
-        raise TypeError(f"{name} is compiled for compiled callers: call {name}.py_func from Python")
+    def __call__(self, *arguments: Any) -> Any:
+        return _entrance(self)(*arguments)
+
+
+@cache
+def _entrance(function: _Private) -> Any:
+    """A compiled caller of a function, which Python can call."""
+    return _njit(lambda *arguments: function(*arguments))
 
 
 def private(function: Function, **options: Any) -> Function:
-    """Compile a function for compiled callers only, in half the time; called from Python it raises a TypeError."""
+    """Compile a function for compiled callers, in half the time; the first call from Python compiles one for it."""
     compiled: Any = _njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
     if isinstance(compiled, CPUDispatcher):  # not with NUMBA_DISABLE_JIT
-        compiled.__class__ = _Private  # without it, the missing entry point would be called
+        compiled.__class__ = _Private  # for want of an entry point for Python
     private_one: Function = compiled
     return private_one
 

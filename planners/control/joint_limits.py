@@ -30,7 +30,7 @@ LIGHTEST = 1e-140
 """Inertia, kg m^2, down to which squares are computed as they are, and up to its inverse."""
 
 
-@njit(cache=True, nogil=True)
+@private
 def smooth_bounds(
     speed: float, acceleration: float, period: float, speed_limit: float, acceleration_limit: float, jerk_limit: float
 ) -> tuple[float, float]:
@@ -62,7 +62,7 @@ def _largest_safe_acceleration(speed_left: float, period: float, jerk_limit: flo
     return math.sqrt(2.0 * jerk_limit * speed_left) - 0.5 * step
 
 
-@njit(cache=True, nogil=True)
+@private
 def stoppable_velocities(q: float, qd: float, end: float, braking: float, period: float) -> tuple[float, float]:
     """Lowest and highest velocity of one joint at the end of a period from which it can still stop within its range.
 
@@ -118,7 +118,7 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
     return fitting
 
 
-@njit(cache=True, nogil=True)
+@private
 def scale_into_torque(
     coupling: Array, weight: Array, q: Array, qd: Array, period: float,
     limit: Array, used: float, passes: int, qdd: Array, tau: Array,
@@ -143,7 +143,7 @@ def scale_into_torque(
         held_torque_single(coupling, weight, q, qd, qdd, period, tau)
 
 
-@njit(cache=True, nogil=True)
+@private
 def worst_excess(tau: Array, limit: Array) -> tuple[int, float]:
     """The joint whose torque is furthest beyond its limit and by how much, N m (signed); 0 within `TORQUE_SLACK`."""
     worst, excess = 0, 0.0
@@ -154,7 +154,7 @@ def worst_excess(tau: Array, limit: Array) -> tuple[int, float]:
     return worst, 0.0 if abs(excess) <= TORQUE_SLACK * limit[worst] else excess
 
 
-@njit(cache=True, nogil=True)
+@private
 def project_off_limit(row: Array, excess: float, lower: Array, upper: Array, qdd: Array) -> None:
     """Remove a joint's excess torque (N m) by the least change of the accelerations ``qdd``, in place within bounds.
 

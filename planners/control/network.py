@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
+
 Floats = NDArray[np.float32]
 Tensors = Mapping[str, NDArray[Any]]
 
@@ -146,7 +148,7 @@ def _run(
             outputs[row, i] = values[i]
 
 
-@njit(cache=True, nogil=True)
+@private
 def _add_products(values: Floats, weights: Floats, active: NDArray[np.int64], sums: Floats) -> None:
     """Add values ``(inputs,)`` times weights ``(inputs * width,)`` to sums ``(width,)``, input by input in their order.
 

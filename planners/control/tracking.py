@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.robot.dynamics import forward_dynamics_single, inverse_dynamics_single, mass_matrix_single
 from planners.typing import Array
@@ -57,7 +58,7 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     return tau
 
 
-@njit(cache=True, nogil=True)
+@private
 def held_torque_single(
     coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, period: float, tau: Array
 ) -> None:
@@ -93,7 +94,7 @@ def held_torque_rows(
         _held_torque(coupling[row], weight[row], q[rows], qd[rows], qdd[rows], period, tau[rows])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _mean_acceleration(
     coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, period: float, mean: Array
 ) -> None:

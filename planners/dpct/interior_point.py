@@ -340,7 +340,7 @@ def slack_steps(
     return BOUNDARY_FRACTION * primal, BOUNDARY_FRACTION * dual_length
 
 
-@njit(cache=True, nogil=True)
+@private
 def excess_of(bounded: Array, value: Array) -> float:
     """Largest excess of a scaled limit, 0 if there is none."""
     excess = 0.0

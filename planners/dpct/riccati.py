@@ -14,13 +14,12 @@ the multiplier ``nu`` of the end condition; ``nu`` and ``y`` follow from its sad
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.typing import Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def solve_stages(durations: Array, hessian: Array, linear: Array, residual: Array, basis: Array) -> tuple[Array, Array]:
     """Optimal steps ``w``, ``(N, 5)``, and ``y``, ``(free,)``; not finite where there is no solution.
 
@@ -124,7 +123,7 @@ def _saddle_point(
     return start, multiplier
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def solve_linear(matrix: Array, rhs: Array) -> None:
     """Solve in place by elimination with row exchanges; a singular matrix gives values that are not finite."""
     n = rhs.shape[0]

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.lagrange.torque_derivatives import (
     add_torque_curvature_single,
     torque_jacobian_single,
@@ -125,7 +125,7 @@ def index(weights: Array, tau: Array, power: int, eps: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def newton_model(
     tr: Transcription, task: TorqueTask, weights: Array, point: Point, sign: Array, eps: float,
     force: Array, multiplier: Array, stiffness: Array,

@@ -11,12 +11,12 @@ and the torque of joint j is ``T_j + ... + T_n``. All derivatives are closed for
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 
-@njit(cache=True, nogil=True)
+@private
 def torques_single(coupling: Array, weight: Array, links: Array, tau: Array) -> None:
     """Joint torques, to ``tau`` ``(n,)``, N m, from link angles, rates and accelerations ``(3 or more, n)``."""
     n = tau.shape[0]
@@ -32,7 +32,7 @@ def torques_single(coupling: Array, weight: Array, links: Array, tau: Array) -> 
         tau[i - 1] += tau[i]
 
 
-@njit(cache=True, nogil=True)
+@private
 def turn_couplings(coupling: Array, links: Array, cosine: Array, sine: Array) -> None:
     """Couplings times cosine and sine of ``phi_i - phi_j``, to ``(n, n)`` each."""
     n = cosine.shape[0]
@@ -44,7 +44,7 @@ def turn_couplings(coupling: Array, links: Array, cosine: Array, sine: Array) ->
             cosine[j, i], sine[j, i] = cosine[i, j], -sine[i, j]
 
 
-@njit(cache=True, nogil=True)
+@private
 def torque_jacobian_single(weight: Array, links: Array, cosine: Array, sine: Array, jacobian: Array) -> None:
     """Derivative of every joint torque by link angles, rates and accelerations, to ``jacobian`` ``(n, 3, n)``.
 
@@ -67,7 +67,7 @@ def torque_jacobian_single(weight: Array, links: Array, cosine: Array, sine: Arr
                     jacobian[i, d, j] += jacobian[i + 1, d, j]
 
 
-@njit(cache=True, nogil=True)
+@private
 def add_torque_curvature_single(
     weight: Array, links: Array, cosine: Array, sine: Array, factors: Array, curvature: Array
 ) -> None:

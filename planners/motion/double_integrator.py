@@ -34,7 +34,7 @@ def rest_time(distance: float, v: float, top: float, a: float) -> float:
     return _phases(distance, v, peak, a)
 
 
-@njit(cache=True, nogil=True)
+@private
 def entry_time(q: float, v: float, low: float, high: float, top: float, a: float) -> float:
     """Least time, s, after which a joint can stay in ``[low, high]``, not necessarily at rest.
 

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 SHAPES = 14
@@ -96,7 +97,7 @@ def shape_functions(s: Array) -> Array:
     return rows
 
 
-@njit(cache=True, nogil=True)
+@private
 def rest_curve_single(
     coefficients: Array, start: Array, goal: Array, duration: float, t: float, q: Array, qd: Array
 ) -> None:
@@ -158,5 +159,6 @@ def trapezoid_share(top: float, ramp: float, t: float) -> float:
     if t < ramp:
         return 0.5 * top / ramp * t * t
     if t > duration - ramp:
-        return 1.0 - 0.5 * top / ramp * (duration - t) ** 2
+        left = duration - t
+        return 1.0 - 0.5 * top / ramp * (left * left)
     return top * (t - 0.5 * ramp)

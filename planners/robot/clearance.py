@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 Point = tuple[float, float]
 
 
-@njit(cache=True, nogil=True)
+@private
 def clearance_single(
     lengths: Array, base: Array, link_radius: float, q: Array, x: float, y: float, radius: float
 ) -> float:
@@ -38,7 +39,7 @@ def clearance(lengths: Array, base: Array, link_radius: float, q: Array, centers
     return gaps
 
 
-@njit(cache=True, nogil=True)
+@private
 def segment_distance(a: Point, b: Point, c: Point, d: Point) -> float:
     """Distance between the segments from ``a`` to ``b`` and from ``c`` to ``d``, points ``(x, y)``, m; 0 if they cross.
 
@@ -57,7 +58,7 @@ def _side(a: Point, b: Point, point: Point) -> float:
     return (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0])
 
 
-@njit(cache=True, nogil=True)
+@private
 def _to_segment(point: Point, a: Point, b: Point) -> float:
     """Squared distance from a point to the segment from ``a`` to ``b``, m^2."""
     dx, dy = b[0] - a[0], b[1] - a[1]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from planners.compiled.calls import dividing, private
 from planners.typing import Array
 
 
@@ -28,7 +29,7 @@ def chain_constants(lengths: Array, masses: Array, coms: Array, inertias: Array)
     return coupling, masses @ lever
 
 
-@njit(cache=True, nogil=True)
+@private
 def inverse_dynamics_single(coupling: Array, weight: Array, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
     """Joint torques (N m) of one row, written to ``tau``; ``weight`` is gravity times the static moments, N m."""
     n = q.shape[0]
@@ -70,7 +71,7 @@ def mass_matrix_single(coupling: Array, q: Array, m: Array) -> None:
             m[i, j] = m[j, i] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def solve_mass_matrix(m: Array, rhs: Array) -> None:
     """Solve ``m x = rhs`` by Cholesky factorisation; ``m`` is destroyed and ``rhs`` becomes ``x``, not finite if ``m``
     is singular."""
@@ -111,7 +112,7 @@ def mass_matrix(coupling: Array, q: Array) -> Array:
     return m
 
 
-@njit(cache=True, nogil=True)
+@private
 def forward_dynamics_single(coupling: Array, weight: Array, q: Array, qd: Array, tau: Array, qdd: Array) -> None:
     """Joint accelerations (rad/s^2) of one row, written to ``qdd``."""
     n = q.shape[0]

@@ -13,6 +13,7 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 
@@ -60,7 +61,7 @@ def jacobian(lengths: Array, q: Array) -> Array:
     return columns
 
 
-@njit(cache=True, nogil=True)
+@private
 def hand_state_single(lengths: Array, base: Array, q: Array, qd: Array, hand: Array, velocity: Array) -> None:
     """Position (m) and velocity (m/s) of one row's hand, written to ``hand`` and ``velocity``, each ``(2,)``."""
     hand[0], hand[1] = base[0], base[1]
@@ -76,15 +77,15 @@ def hand_state_single(lengths: Array, base: Array, q: Array, qd: Array, hand: Ar
         velocity[1] += dx * w
 
 
-@njit(cache=True, nogil=True)
+@private
 def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) -> tuple[float, float]:
     """The posture of a two-link arm that puts the hand at ``(dx, dy)`` m from the base; NaN where none does.
 
     ``tan^2(q2 / 2) = ((l1 + l2)^2 - d^2) / (d^2 - (l1 - l2)^2)``, the law of cosines in the form that stays exact close
     to a folded elbow; ``q1 = atan2(d_y, d_x) - atan2(l2 sin q2, l1 + l2 cos q2)``; ``q2`` has the sign of ``elbow``.
     """
-    square = dx * dx + dy * dy
-    from_outer_rim, from_inner_rim = (l1 + l2) ** 2 - square, square - (l1 - l2) ** 2
+    square, outer, inner = dx * dx + dy * dy, l1 + l2, l1 - l2
+    from_outer_rim, from_inner_rim = outer * outer - square, square - inner * inner
     if not min(from_outer_rim, from_inner_rim) >= -2e-12 * l1 * l2:  # room for rounding on the rim
         return np.nan, np.nan
     q2 = np.copysign(2.0 * np.arctan2(np.sqrt(max(from_outer_rim, 0.0)), np.sqrt(max(from_inner_rim, 0.0))), elbow)

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
 from numpy.typing import NDArray
 
+from planners.compiled.calls import private
 from planners.typing import Array
 
 
-@njit(cache=True, nogil=True)
+@private
 def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, period: float, trends: Array) -> None:
     """Estimate the target velocity of each disc of a row, and the remaining change.
 
@@ -38,7 +38,7 @@ def observe_discs(gains: Any, record: Any, positions: Array, velocities: Array, 
             trends[disc, axis], trends[disc, 2 + axis] = record.disc_velocity[disc, axis] + change, change
 
 
-@njit(cache=True, nogil=True)
+@private
 def predict_discs(gains: Any, instants: NDArray[Any], positions: Array, trends: Array, places: Array) -> None:
     """Predict the positions of the discs of one row, between `nearest` and `farthest` from the base.
 

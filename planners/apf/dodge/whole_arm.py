@@ -85,7 +85,7 @@ def joint_attraction(error: float, v: float, strength: float, top: float, rate: 
     return clip(rate * (math.copysign(speed, error) - v), -strength, strength)
 
 
-@njit(cache=True, nogil=True)
+@private
 def time_to(body: Any, q1: float, q2: float, v1: float, v2: float, posture: Array) -> float:
     """Least time to come to rest in a posture, s; the joints are independent double integrators."""
     first = _rest_time(posture[0] - q1, v1, body.top[0], body.cruise[0])
@@ -167,7 +167,7 @@ def repulsion(body: Any, q1: float, q2: float, x: float, y: float) -> tuple[floa
     return away, ny * near_x - nx * near_y, outer * (ny * c2 - nx * s2)
 
 
-@njit(cache=True, nogil=True)
+@private
 def held_torques(body: Any, q: Array, qd: Array, qdd1: float, qdd2: float, period: float) -> tuple[float, float]:
     """Torques, N m, that give mean accelerations when held for a period: inverse dynamics half a period ahead.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.dpct.free.constraints import Chase, bounded_rows, evaluate, roll_out
 from planners.dpct.interior_point import barrier_model, excess_of, first_slacks, slack_steps
 from planners.robot.dynamics import solve_mass_matrix
@@ -140,7 +140,7 @@ def _quintic_control(chase: Chase, time: float) -> Array:
     return control
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def _solve_stages(durations: Array, hessian: Array, linear: Array, end: Array, basis: Array) -> Array:
     """Steps of z, T and the controls, ``(N, 4 n + 1)``, that minimise the model with the penalty on the end.
 

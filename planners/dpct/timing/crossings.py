@@ -86,7 +86,7 @@ def posture(line: StraightLine, r: float, t: float, q: Array) -> None:
         q[i] = line.origin[i] + r * line.direction[i] - offset * line.across[i]
 
 
-@njit(cache=True, nogil=True)
+@private
 def predicted_clearance(scene: PredictedDiscs, q: Array, t: float) -> float:
     """Clearance of posture ``q`` from the closest disc at time ``t``, m."""
     nearest = np.inf

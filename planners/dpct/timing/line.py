@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import dividing, private
 from planners.dpct.timing.crossings import STAGE, ArmLimits, StraightLine
 from planners.robot.dynamics import inverse_dynamics_single
 from planners.typing import Array
@@ -91,7 +91,7 @@ def line_along(q: Array, qd: Array, direction: Array, limits: ArmLimits) -> Stra
     return _line(q, direction, speed, across, decay, gentle, np.nan, limits)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def _allowed_speed(speed: float, displacement: Array, table: Array) -> float:
     """The speed, 1/s, reduced to the velocity limits of the joints; the excess becomes transverse velocity."""
     excess = 0.0
@@ -100,7 +100,7 @@ def _allowed_speed(speed: float, displacement: Array, table: Array) -> float:
     return speed * SPARED_SPEED / excess if excess > SPARED_SPEED else speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@dividing
 def _transverse_braking(qd: Array, speed: float, displacement: Array, table: Array) -> tuple[float, bool]:
     """Time for braking a transverse velocity, s, and whether that leaves most of the acceleration for other use."""
     least = 0.0
