@@ -22,7 +22,7 @@ from planners.options import checked_options
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.promises import require_solved, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory import Trajectory
+from planners.trajectory import NoMotion, Trajectory
 
 TargetKind = Literal["joints", "hand", "moving hand"]
 TARGETS: dict[type, TargetKind] = {FixedJoints: "joints", FixedHand: "hand", MovingHand: "moving hand"}
@@ -290,7 +290,7 @@ def _finite_arithmetic(declared: Variant) -> Iterator[None]:
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             yield
-    except ArithmeticError as error:
+    except (ArithmeticError, NoMotion) as error:
         message = f"{declared} cannot compute with numbers that are so far apart ({error}); give a horizon, limits"
         raise Infeasible("limits", f"{message} and a start velocity that fit each other and the arm") from error
 

@@ -20,7 +20,7 @@ LARGEST = 1e100
 
 def is_number(value: Any) -> bool:
     """Whether a value is a single number, of Python or of NumPy."""
-    if isinstance(value, bool | np.bool_):
+    if isinstance(value, bool | np.bool_) or value is np.ma.masked:
         return False
     if isinstance(value, int) and value.bit_length() > 1023:  # beyond what a float holds
         return False

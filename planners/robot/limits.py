@@ -179,7 +179,7 @@ def _limit(kind: LimitKind, item: Any, items: tuple[Any, ...]) -> Range:
         if LARGEST < float(item) < math.inf:
             raise ValueError(f"{kind} limits {shown} must be at most {LARGEST:g} {UNITS[kind]}; use inf for no limit")
         return float(item)
-    if kind != "angle" or isinstance(item, str) or not isinstance(item, Iterable):
+    if kind != "angle" or isinstance(item, str) or item is np.ma.masked or not isinstance(item, Iterable):
         raise ValueError(f"{kind} limits {shown}: {brief(item)} is no number; {_how(kind)}")
     pair = tuple(item)
     if len(pair) != 2 or not all(map(is_number, pair)):

@@ -1,5 +1,5 @@
 """Planned motions: sampled trajectories, their interpolation, and the measurement of their limits and clearance."""
 
-from planners.trajectory.trajectory import Trajectory, sampled_trajectory
+from planners.trajectory.trajectory import NoMotion, Trajectory, sampled_trajectory
 
-__all__ = ["Trajectory", "sampled_trajectory"]
+__all__ = ["NoMotion", "Trajectory", "sampled_trajectory"]

@@ -171,6 +171,10 @@ class Trajectory(ByValue):
         return f"<Trajectory by {self.planner}: {', '.join(parts)}, {len(self.t)} samples>"
 
 
+class NoMotion(ValueError):
+    """Samples that are no motion: their times fall, or their numbers are not finite."""
+
+
 def sampled_trajectory(
     problem: MotionProblem,
     t: ArrayLike,
@@ -201,10 +205,10 @@ def sampled_trajectory(
         shapes = ", ".join(str(values.shape) for values in (times, *motion))
         raise ValueError(f"t, q, qd and qdd have shapes {shapes}; give (samples,) and three of (samples, {n})")
     if not all(np.isfinite(values).all() for values in (times, *motion)):
-        raise ValueError("t, q, qd and qdd must be finite; some are NaN or inf")
+        raise NoMotion("t, q, qd and qdd must be finite; some are NaN or inf")
     rising = np.maximum.accumulate(times)
     if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] > 0.0:
-        raise ValueError("the times of the samples must begin at 0 and never fall")
+        raise NoMotion("the times of the samples must begin at 0 and never fall")
     samples = _same_times(rising), motion[0], motion[1], motion[2]
     for _ in range(MOST_TURNS):
         count = len(samples[0])

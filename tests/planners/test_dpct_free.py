@@ -154,7 +154,7 @@ def test_refusals_say_what_is_wrong(problem: MotionProblem, message: str) -> Non
 
 
 def test_options_are_checked() -> None:
-    with pytest.raises(ValueError, match=r"tolerances 0\.001 m and 0\.0 m/s must both be positive, or both 0"):
+    with pytest.raises(ValueError, match=r"velocity_tolerance 0\.0 m/s must both be positive, or both 0"):
         plan(conveyor(), position_tolerance=1e-3)
     with pytest.raises(ValueError, match="stages 5 must be from 10"):
         plan(conveyor(), stages=5)

@@ -23,6 +23,7 @@ from planners import (
     dpct,
     lagrange,
     quintic,
+    sampled_trajectory,
     trapezoid,
 )
 from planners.capabilities import VARIANTS, Variant, variant
@@ -143,8 +144,11 @@ def test_an_error_of_arithmetic_is_a_refusal_of_our_planners_only(monkeypatch: p
     def overflow(problem: MotionProblem) -> Trajectory:
         return quintic.plan(MotionProblem(ARM, np.full(2, 1e90), GOAL, float(np.float64(1e200) * np.float64(1e200))))
 
+    def fall(asked: MotionProblem) -> Trajectory:
+        return sampled_trajectory(asked, [0.0, 1.0, 0.5], *np.zeros((3, 3, 2)), planner="trial")
+
     takes = VARIANTS["quintic", ""].takes
-    for planner, function in itertools.product(("quintic", "mine"), (divide, overflow)):
+    for planner, function in itertools.product(("quintic", "mine"), (divide, overflow, fall)):
         monkeypatch.setitem(VARIANTS, (planner, "trial"), VARIANTS["quintic", ""])
         plan = variant(planner, "trial", takes)(function)
         with pytest.raises(Infeasible if planner == "quintic" else (ArithmeticError, ValueError, RuntimeWarning)) as e:

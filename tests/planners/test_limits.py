@@ -47,6 +47,15 @@ def test_limits_of_another_number_of_joints_are_refused() -> None:
         MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), 1.0, limits=one)
 
 
+def test_a_masked_value_is_no_limit() -> None:
+    hidden = np.ma.masked_array([0.2, 0.4], [False, True])
+    for kind in ("torque", "angle"):
+        with pytest.raises(ValueError, match=f"{kind} limits"):
+            JointLimits(**{kind: hidden})
+    with pytest.raises(ValueError, match="horizon"):
+        MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), np.ma.masked)
+
+
 def test_an_angle_is_a_number_or_a_pair() -> None:
     limits = JointLimits(angle=[(-0.5, 2.5), 2.0, math.inf, (-1.0, 1.0), [-3.0, -1.0], np.array([4.0, 9.0])])
     assert limits.angle == ((-0.5, 2.5), 2.0, math.inf, 1.0, (-3.0, -1.0), (4.0, 9.0))

@@ -88,7 +88,8 @@ def plan_free(
     tolerances = np.array([position_tolerance, velocity_tolerance])
     if not ((tolerances > 0.0).all() or (tolerances == 0.0).all()) or not np.isfinite(tolerances).all():
         raise ValueError(
-            f"tolerances {position_tolerance} m and {velocity_tolerance} m/s must both be positive, or both 0"
+            f"position_tolerance {position_tolerance} m and velocity_tolerance {velocity_tolerance} m/s must both be "
+            "positive, or both 0"
         )
     if not 10 <= stages <= MOST_STAGES:
         raise ValueError(f"stages {stages} must be from 10 to {MOST_STAGES}")
