@@ -76,7 +76,9 @@ class Draft:
         self.dataset_id, self.folder = dataset_id, dataset_folder(dataset_id)
         namespace, _, _ = parse_dataset_id(dataset_id)
         if (self.folder / "data").exists() and not overwrite:
-            raise ValueError(f"there is a dataset {dataset_id} in {self.folder}: take another version, or overwrite it")
+            raise ValueError(
+                f"there is a dataset {dataset_id} in {self.folder}: give another id, or --overwrite (overwrite=True)"
+            )
         if namespace is not None and namespace not in list_local_namespaces():
             create_namespace(namespace)
         root = self.folder.parents[len(Path(dataset_id).parts) - 1]
