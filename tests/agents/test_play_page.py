@@ -52,7 +52,7 @@ def opened(browser: Any, address: str, **options: Any) -> Iterator[Any]:
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: complaints.append(request.url) if not local(request.url, address) else None)
     page.goto(address)
-    page.wait_for_function("document.getElementById('clock').textContent.startsWith('0.')")
+    page.wait_for_function("document.getElementById('clock').textContent.startsWith('0.')", timeout=120_000)  # compiles
     yield page
     context.close()
     assert complaints == []
