@@ -169,7 +169,7 @@ def test_a_telephone_shows_everything(browser: Any, address: str) -> None:
     context = browser.new_context(viewport={"width": 390, "height": 800}, color_scheme="dark", bypass_csp=True)
     page = context.new_page()
     page.goto(address)
-    page.wait_for_function("document.getElementById('clock').textContent !== ''")
+    page.wait_for_function("document.getElementById('clock').textContent !== ''", timeout=120_000)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert colors(page)["58,68,85"] > 500  # the belt's dark colour
     context.close()
