@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Literal, ParamSpec
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
 import numpy as np
 
@@ -120,6 +120,10 @@ def all_variants() -> dict[tuple[str, str], Variant]:
         for key in ordered:
             _variants[key] = _variants.pop(key)
     return _variants
+
+
+if TYPE_CHECKING:
+    VARIANTS: dict[tuple[str, str], Variant]
 
 
 def __getattr__(name: str) -> Any:
