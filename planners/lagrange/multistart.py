@@ -44,21 +44,26 @@ PROBE_DEGREE, PROBE_POINTS = 14, 57
 
 POLISH = Effort(barrier=1e-3, tolerance=1e-3, iterations=60)
 POLISH_FINE = Effort(barrier=1e-5, tolerance=3e-5, iterations=60)
-STAGES, FINE_STAGES, SWINGING_STAGES = 30, 90, 150
-"""Of the dense transcription (cubic splines, the acceleration linear on every stage), of the best of them, and of that
-one under gravity, where the best motions swing almost freely: the torque left is small against a coarse one's error.
+STAGES, FINE_STAGES = 30, 90
+"""Of the splines (the acceleration is linear on every stage) that choose among coarse solutions, and of the motion."""
+
+SWING_STAGES = 20, 10, 50
+"""Stages under gravity: of the coarse solutions, which are splines too, and of both of the above per `SWING_TIME`. The
+best motions swing almost freely there: the torque left is small against a coarse one's error.
 """
+SWING_TIME, FEWEST_TIMES, MOST_TIMES = 1.75, 3, 6
+"""A part of a motion under gravity, as a multiple of sqrt(reach / gravity), and how many parts are told apart."""
 
 POINTS_PER_STAGE, DENSE_PER_STAGE, SPLINE_SAMPLES = 2, 8, 480
 """Instants of the search and of the dense grid on every stage, and least number of samples altogether."""
 
-MOST_REFINED, MOST_SWINGS = 3, 6
+MOST_REFINED, MOST_SWINGS = 3, 8
 """Number of coarse solutions that are refined, and the same under gravity, where more of them differ."""
 
 MOST_MOVES, MOST_STARTS = 2, 30
 """Number of alternative moves with more starts than the quintic, and of these starts altogether."""
 
-SWINGS, SWING_REACH = 12, (1.5, 2.6)
+SWINGS, SWING_REACH = 20, (1.5, 2.6)
 """Number of random starts under gravity, and their largest detour of the first and of the other joints, rad."""
 
 SAME_INDEX = 1e-3
@@ -67,8 +72,8 @@ SAME_INDEX = 1e-3
 OVERSHOOT = 1e-6
 """Excess, as a fraction of the limit, that is accepted where an end of the move lies on the limit itself."""
 
-FOLD, SWING = 2.0, 1.0
-"""Displacements from the quintic at half time: of the outer joints in a fold, of the first one in a swing, rad."""
+FOLD, TURN = 2.0, 1.0
+"""Displacements from the quintic at half time: of the outer joints in a fold, of the first one alone, rad."""
 
 INSIDE = 0.95
 """Share of the joint ranges that the starts use."""
@@ -164,9 +169,34 @@ def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None
 
 
 def _coarse(move: JointMove, index: Index, curve: Curve) -> Minimum:
-    """A local minimum with few nodes from a start."""
-    basis = lagrange_basis(COARSE_DEGREE, move.clamp_acceleration, COARSE_POINTS)
+    """A local minimum with few unknowns from a start."""
+    basis = _coarse_bases(move)[0]
     return minimise(move, basis, curve(basis.s), index, COARSE)
+
+
+def _coarse_bases(move: JointMove) -> tuple[Basis, Basis]:
+    """The functions of the coarse solutions at the instants of the search and at equally spaced samples."""
+    if move.arm.gravity:
+        return _spline_bases(move, SWING_STAGES[0])
+    clamp = move.clamp_acceleration
+    search = lagrange_basis(COARSE_DEGREE, clamp, COARSE_POINTS)
+    return search, lagrange_basis(COARSE_DEGREE, clamp, SAMPLES, uniform=True)
+
+
+def _spline_bases(move: JointMove, stages: int) -> tuple[Basis, Basis]:
+    """Splines at the instants of the search and at equally spaced samples."""
+    counts = POINTS_PER_STAGE, -(-SPLINE_SAMPLES // stages)
+    search, samples = (spline_basis(stages, move.clamp_acceleration, count) for count in counts)
+    return search, samples
+
+
+def _stages(move: JointMove) -> tuple[int, int]:
+    """Stages of the splines that choose among coarse solutions, and of the motion."""
+    if not move.arm.gravity:
+        return STAGES, FINE_STAGES
+    parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / move.arm.gravity))
+    count = math.ceil(min(max(parts, FEWEST_TIMES), MOST_TIMES))
+    return SWING_STAGES[1] * count, SWING_STAGES[2] * count
 
 
 def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
@@ -178,35 +208,31 @@ def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
         lagrange_basis(degree, clamp, DENSE_POINTS),
         lagrange_basis(degree, clamp, SAMPLES, uniform=True),
     )
-    start = solution.at(lagrange_basis(COARSE_DEGREE, clamp, points))[0]
+    start = Fit(solution, _coarse_bases(move)[1]).curve(bases.search.s)
     return _within_limits(move, bases, start, index, (REFINE, REPAIR))
 
 
 def _polished(solutions: Sequence[Minimum], index: Index) -> Fit | None:
     """The best of the coarse solutions on splines within the limits of the dense grid; None if there is none."""
-
-    def value(fit: Fit) -> float:
-        return fit.minimum.index(index.objective, fit.samples)
-
     fits = []
     for solution in solutions:
-        samples = lagrange_basis(COARSE_DEGREE, solution.move.clamp_acceleration, SAMPLES, uniform=True)
-        fits.append(_on_splines(Fit(solution, samples), STAGES, index, POLISH))
-    kept = [fit for fit in fits if fit is not None]
-    if not kept:
-        return None
-    best = min(kept, key=value)
-    stages = SWINGING_STAGES if best.minimum.move.arm.gravity else FINE_STAGES
-    finer = _on_splines(best, stages, index, POLISH_FINE)
-    return best if finer is None else min(finer, best, key=value)
+        move = solution.move
+        search, samples = _spline_bases(move, _stages(move)[0])
+        start = Fit(solution, _coarse_bases(move)[1]).curve(search.s)
+        fits.append(Fit(minimise(move, search, start, index, POLISH), samples))
+    fits.sort(key=lambda fit: (not fit.minimum.feasible, fit.minimum.index(index.objective)))
+    kept = (_on_splines(fit, step, index) for step in (1, 0) for fit in fits)
+    return next((fit for fit in kept if fit is not None), None)
 
 
-def _on_splines(fit: Fit, stages: int, index: Index, effort: Effort) -> Fit | None:
-    """The local minimum among splines of so many stages that a motion leads to."""
+def _on_splines(fit: Fit, step: int, index: Index) -> Fit | None:
+    """The local minimum among splines that a motion leads to, within the limits; ``step`` is that of `_stages`."""
     move = fit.minimum.move
-    counts = POINTS_PER_STAGE, DENSE_PER_STAGE, -(-SPLINE_SAMPLES // stages)
-    bases = Bases(*(spline_basis(stages, move.clamp_acceleration, count) for count in counts))
-    return _within_limits(move, bases, fit.curve(bases.search.s), index, (effort, POLISH_FINE))
+    stages = _stages(move)[step]
+    search, samples = _spline_bases(move, stages)
+    dense = spline_basis(stages, move.clamp_acceleration, DENSE_PER_STAGE)
+    bases = Bases(search, dense, samples)
+    return _within_limits(move, bases, fit.curve(search.s), index, (POLISH_FINE, POLISH_FINE))
 
 
 def _within_limits(move: JointMove, bases: Bases, q: Array, index: Index, efforts: tuple[Effort, Effort]) -> Fit | None:
@@ -257,7 +283,7 @@ def _start_curves(move: JointMove) -> list[Curve]:
     n = move.arm.n_joints
     outer: Array = np.where(np.arange(n) > 0, 1.0, 0.0)
     alternating: Array = np.where(np.arange(n) % 2 == 0, outer, -outer)
-    patterns = [SWING * (1.0 - outer), *(FOLD * pattern for pattern in (alternating, outer)[: n - 1])]
+    patterns = [TURN * (1.0 - outer), *(FOLD * pattern for pattern in (alternating, outer)[: n - 1])]
     detours = [side * pattern for pattern in patterns for side in (1.0, -1.0)]
     # the fastest part of a detour takes about a third of the time
     longest = FASTEST_DETOUR * np.array(move.limits.velocity) * move.duration / 3.0

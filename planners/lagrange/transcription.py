@@ -79,7 +79,7 @@ def lagrange_basis(degree: int, clamp_acceleration: bool, points: int, *, unifor
     return _clamp(values, s, weights, degree + 1, clamp_acceleration)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def spline_basis(stages: int, clamp_acceleration: bool, points_per_stage: int) -> Basis:
     """Cubic B-splines (acceleration linear on every stage) at equally spaced instants, stage borders included."""
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, stages + 1), np.ones(3)])
