@@ -228,10 +228,8 @@ def _polished(solutions: Sequence[Minimum], index: Index) -> Fit | None:
 def _on_splines(fit: Fit, step: int, index: Index) -> Fit | None:
     """The local minimum among splines that a motion leads to, within the limits; ``step`` is that of `_stages`."""
     move = fit.minimum.move
-    stages = _stages(move)[step]
-    search, samples = _spline_bases(move, stages)
-    dense = spline_basis(stages, move.clamp_acceleration, DENSE_PER_STAGE)
-    bases = Bases(search, dense, samples)
+    search, samples = _spline_bases(move, stages := _stages(move)[step])
+    bases = Bases(search, spline_basis(stages, move.clamp_acceleration, DENSE_PER_STAGE), samples)
     return _within_limits(move, bases, fit.curve(search.s), index, (POLISH_FINE, POLISH_FINE))
 
 

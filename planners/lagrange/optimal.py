@@ -95,8 +95,8 @@ def plan_optimal(
         problem: the start, the target and the limits.
         objective: ``"PI1"``, the integral of sum abs(tau) (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
         nodes: of the interpolation where the plan is not polished, both ends included.
-        polish: refine the coarse interpolation by cubic splines (90 stages of linear acceleration, 150 under gravity),
-            whose torques can switch, in place of one with more nodes.
+        polish: refine the coarse solution by cubic splines (90 stages of linear acceleration, 150 to 300 with gravity),
+            whose torques can switch, in place of an interpolation with more nodes.
         elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.
         rendezvous_time: when to meet a moving target, s; by default 1.25 times the earliest time found, but half a
             second before the horizon if possible.
