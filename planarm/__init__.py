@@ -9,9 +9,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-_RUN_AS = ("planarm", "-mplanarm") if sys.argv[0] == "-m" else (sys.argv[0],) * (Path(sys.argv[0]).stem == "planarm")
-IS_COMMAND = any(name in sys.orig_argv for name in _RUN_AS)
-"""Whether this process is the `planarm` command; not one that a command has started."""
+if sys.argv[0] == "-m":  # python -m planarm, while this package is imported
+    IS_COMMAND = "planarm" in sys.orig_argv or "-mplanarm" in sys.orig_argv
+else:
+    IS_COMMAND = Path(sys.argv[0]).stem == "planarm" and sys.argv[0] in sys.orig_argv
+"""Whether this process is the `planarm` command; not one that a command has started, which has its `sys.argv` only."""
 
 if IS_COMMAND and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     # Until the command runs, Ctrl-C ends it without the traceback of an import.

@@ -47,12 +47,12 @@ POLISH_FINE = Effort(barrier=1e-5, tolerance=3e-5, iterations=60)
 STAGES, FINE_STAGES = 30, 90
 """Of the splines (the acceleration is linear on every stage) that choose among coarse solutions, and of the motion."""
 
-SWING_STAGES = 20, 10, 50
-"""Stages under gravity: of the coarse solutions, which are splines too, and of both of the above per `SWING_TIME`. The
-best motions swing almost freely there: the torque left is small against a coarse one's error.
-"""
-SWING_TIME, FEWEST_TIMES, MOST_TIMES = 1.75, 3, 6
-"""A part of a motion under gravity, as a multiple of sqrt(reach / gravity), and how many parts are told apart."""
+COARSE_STAGES = 20
+"""Of the coarse solutions under gravity, which are splines too: the best motions swing almost freely."""
+SWING_TIME, FEWEST_PARTS, MOST_PARTS = 1.75, 3, 6
+"""Length of a part of a motion under gravity, in sqrt(reach / gravity), and least and largest number of parts."""
+STAGES_PER_PART, FINE_STAGES_PER_PART = 10, 50
+"""`STAGES` and `FINE_STAGES` under gravity: the torque left in a swing is small against the error of few stages."""
 
 POINTS_PER_STAGE, DENSE_PER_STAGE, SPLINE_SAMPLES = 2, 8, 480
 """Instants of the search and of the dense grid on every stage, and least number of samples altogether."""
@@ -177,7 +177,7 @@ def _coarse(move: JointMove, index: Index, curve: Curve) -> Minimum:
 def _coarse_bases(move: JointMove) -> tuple[Basis, Basis]:
     """The functions of the coarse solutions at the instants of the search and at equally spaced samples."""
     if move.arm.gravity:
-        return _spline_bases(move, SWING_STAGES[0])
+        return _spline_bases(move, COARSE_STAGES)
     clamp = move.clamp_acceleration
     search = lagrange_basis(COARSE_DEGREE, clamp, COARSE_POINTS)
     return search, lagrange_basis(COARSE_DEGREE, clamp, SAMPLES, uniform=True)
@@ -195,8 +195,8 @@ def _stages(move: JointMove) -> tuple[int, int]:
     if not move.arm.gravity:
         return STAGES, FINE_STAGES
     parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / move.arm.gravity))
-    count = math.ceil(min(max(parts, FEWEST_TIMES), MOST_TIMES))
-    return SWING_STAGES[1] * count, SWING_STAGES[2] * count
+    count = math.ceil(min(max(parts, FEWEST_PARTS), MOST_PARTS))
+    return STAGES_PER_PART * count, FINE_STAGES_PER_PART * count
 
 
 def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
@@ -214,21 +214,21 @@ def _refine(solution: Minimum, degree: int, index: Index) -> Fit | None:
 
 def _polished(solutions: Sequence[Minimum], index: Index) -> Fit | None:
     """The best of the coarse solutions on splines within the limits of the dense grid; None if there is none."""
+    stages, fine = _stages(solutions[0].move)  # all moves take the same time
     fits = []
     for solution in solutions:
-        move = solution.move
-        search, samples = _spline_bases(move, _stages(move)[0])
-        start = Fit(solution, _coarse_bases(move)[1]).curve(search.s)
-        fits.append(Fit(minimise(move, search, start, index, POLISH), samples))
+        search, samples = _spline_bases(solution.move, stages)
+        start = Fit(solution, _coarse_bases(solution.move)[1]).curve(search.s)
+        fits.append(Fit(minimise(solution.move, search, start, index, POLISH), samples))
     fits.sort(key=lambda fit: (not fit.minimum.feasible, fit.minimum.index(index.objective)))
-    kept = (_on_splines(fit, step, index) for step in (1, 0) for fit in fits)
+    kept = (_on_splines(fit, count, index) for count in (fine, stages) for fit in fits)
     return next((fit for fit in kept if fit is not None), None)
 
 
-def _on_splines(fit: Fit, step: int, index: Index) -> Fit | None:
-    """The local minimum among splines that a motion leads to, within the limits; ``step`` is that of `_stages`."""
+def _on_splines(fit: Fit, stages: int, index: Index) -> Fit | None:
+    """The local minimum among splines of so many stages that a motion leads to, within the limits."""
     move = fit.minimum.move
-    search, samples = _spline_bases(move, stages := _stages(move)[step])
+    search, samples = _spline_bases(move, stages)
     bases = Bases(search, spline_basis(stages, move.clamp_acceleration, DENSE_PER_STAGE), samples)
     return _within_limits(move, bases, fit.curve(search.s), index, (POLISH_FINE, POLISH_FINE))
 

@@ -2,9 +2,10 @@
 
 The search is among the interpolations of "Trajectory Planning for Torque Minimization of Robot Manipulators Using the
 Lagrange Interpolation Method" (eq 8, 9) on Chebyshev-Lobatto nodes in barycentric form, with angle and velocity exact
-at both ends. In place of the paper's grid search there is a compiled interior point method with exact derivatives, from
-several starts; the best ones are refined by splines. Every plan is checked on a dense grid with exact inverse dynamics,
-and planned again within tighter limits where it exceeds one.
+at both ends; under gravity, where the best motions swing, among cubic splines. In place of the paper's grid search
+there is a compiled interior point method with exact derivatives, from several starts; the best ones are refined by
+splines. Every plan is checked on a dense grid with exact inverse dynamics, and planned again within tighter limits
+where it exceeds one.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ and a time that needs no more of them, s.
 """
 
 ENDS = (1.0, 0.5, 0.1)
-"""Times that are tried first, as shares of a window: at its end the target may be on the rim of the reach."""
+"""Times that are tried first, as shares of a whole window: at its end the target may be on the rim of the reach."""
 
 MOST_RIDES = 4
 
@@ -64,7 +64,8 @@ class Ride:
         """
         for window in self.windows:
             low, last = window.opens, min(window.closes, latest)
-            ends = [low + share * (last - low) for share in ENDS] if last > low else []
+            shares = ENDS if last == window.closes else ENDS[:1]
+            ends = [low + share * (last - low) for share in shares] if last > low else []
             high = next((end for end in ends if reaches(move.to(self.state_at(end), end))), None)
             if high is None:
                 continue

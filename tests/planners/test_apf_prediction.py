@@ -109,7 +109,7 @@ def test_more_periods_than_are_simulated_are_refused_with_a_period_that_is_long_
 
 
 def test_the_first_contact_of_a_motion_is_the_one_that_is_named() -> None:
-    """Contact is looked for in many periods together, and told apart by its time."""
+    """Contact is looked for in many periods together, and its time says in which."""
     slow = Obstacle(np.array([1.5, 0.05]), np.array([-0.4, 0.0]), 0.1)
     later = Obstacle(np.array([3.0, 0.05]), np.array([-0.4, 0.0]), 0.1)
     still = MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints([0.0, 0.1]), 20.0)
