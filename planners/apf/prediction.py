@@ -91,7 +91,7 @@ def plan_field(
     if steps > most and not isinstance(target, FixedHand):
         raise Infeasible(
             "limits",
-            f"a horizon of {problem.horizon:.4g} s has {steps:.4g} periods of {period:.4g} s, more than {most}; give a "
+            f"a horizon of {problem.horizon:.4g} s has {steps:.8g} periods of {period:.4g} s, more than {most}; give a "
             f"shorter horizon or a longer period, {1.001 * problem.horizon / most:.4g} s",
         )
     field = _field(problem, period, tolerance, hold_time)
