@@ -73,7 +73,7 @@ def make_expert(
     """
     task = getattr(getattr(env, "unwrapped", None), "task", None)
     if not isinstance(task, Task):
-        raise ValueError(f"{env!r:.80} is none of planarm's environments; experts need one of them")
+        raise ValueError(f"{env!r:.80} is not one of planarm's environments; experts need one")
     refuse_transformed(env, f"expert {name}")
     experts, plain = _experts(task.env_id), str(name).removesuffix(ADAPTIVE)
     refuse_unknown([plain], experts, f"{task.env_id} expert")

@@ -142,7 +142,7 @@ def test_experts_are_made_by_name_for_an_environment() -> None:
         with pytest.raises(ValueError, match="unknown MinTorqueMove-v0 expert"):
             envs.make_expert(name, gym.make("MinTorqueMove-v0"))  # type: ignore[arg-type]
     for env in (None, 3, "MinTorqueMove-v0"):
-        with pytest.raises(ValueError, match="is none of planarm's environments"):
+        with pytest.raises(ValueError, match="is not one of planarm's environments"):
             envs.make_expert("dpct", env)  # type: ignore[arg-type]
 
 
