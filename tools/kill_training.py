@@ -8,7 +8,6 @@ A run that is killed must go on from its last checkpoint or a later one, and end
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import multiprocessing
@@ -20,9 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 
 from agents.cli import main as planarm
 from agents.policies.files import load_agent
@@ -235,15 +235,24 @@ def interrupt_command(line: str, number: signal.Signals, folder: Path, generator
     return ("after its end" if late else line.split(" --")[0]), result
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True)
+class KillOptions:
+    """Kill or interrupt training, and other commands, at random moments."""
+
+    signal: Literal["KILL", "INT", "TERM"] = "KILL"
+    """KILL cannot be caught; INT is Ctrl-C."""
+    kills: int = 50
+    """Of training, over all recipes."""
+    commands: int = 0
+    """Interrupts of each other command."""
+    recipes: tuple[Literal["ppo", "sac", "td3", "amortise"], ...] = ("ppo", "sac", "td3", "amortise")
+    """What is trained."""
+    seed: int = 0
+    """Of the moments."""
+
+
+def main(options: KillOptions) -> int:
     """Run the campaign; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--signal", choices=("KILL", "INT", "TERM"), default="KILL")
-    parser.add_argument("--kills", type=int, default=50, help="of training, over all recipes (default 50)")
-    parser.add_argument("--commands", type=int, default=0, help="interrupts of each other command (default 0)")
-    parser.add_argument("--recipes", nargs="+", choices=RECIPES, default=list(RECIPES))
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args(arguments)
     number, generator = signal.Signals[f"SIG{options.signal}"], np.random.default_rng(options.seed)
     ended: list[tuple[str, Ended]] = []
     with TemporaryDirectory() as name:
@@ -266,4 +275,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(tyro.cli(KillOptions)))
