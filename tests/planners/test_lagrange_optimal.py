@@ -147,6 +147,18 @@ def test_plans_are_close_to_the_best_known() -> None:
             assert lagrange.plan(paper_move(), objective=objective, polish=polish).cost <= most * index
 
 
+@pytest.mark.parametrize(("table", "horizon", "median"), [("vertical_PI1", None, 1.0), ("vertical_slow_PI1", 3.0, 0.8)])
+def test_plans_in_a_vertical_plane_are_close_to_an_independent_optimum_or_better(
+    table: str, horizon: float | None, median: float
+) -> None:
+    count, known = 12, json.loads(BEST_KNOWN.read_text())
+    problems = random_moves(count, known["seed"], VERTICAL)
+    plans = [lagrange.plan(replace(problem, horizon=horizon or problem.horizon)) for problem in problems]
+    ratios = np.array([plan.cost for plan in plans]) / np.array(known[table][:count])
+    assert np.median(ratios) <= median
+    assert np.max(ratios) <= 1.1
+
+
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), vertical=st.booleans(), objective=st.sampled_from(("PI1", "PI2")))
 def test_random_moves_keep_every_limit_and_beat_the_quintic(seed: int, vertical: bool, objective: str) -> None:
