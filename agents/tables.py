@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ _UNBOUNDED = Console(width=_MARKDOWN_WIDTH)
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a title above and a caption below."""
+    """A table with a title above and a caption below; ``str`` of it is Markdown."""
 
     title: str  # may be empty
     headers: Sequence[str]  # of the columns
@@ -61,6 +62,11 @@ class Table:
         else:
             unbroken = Console(file=console.file, width=_MARKDOWN_WIDTH)
             self._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        self.show(Console(file=text, force_terminal=False))
+        return "\n".join(line.rstrip() for line in text.getvalue().strip().splitlines()) + "\n"
 
     def _fitting(self, console: Console) -> Table:
         """The table with as many columns as fit, at least one beside the text, and a caption that names the others."""

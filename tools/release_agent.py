@@ -14,19 +14,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
 
-import envs
 from agents.console import note
 from agents.evaluation.statistics import Estimate, rate
 from agents.evaluation.summarise import training_scores, values_of
 from agents.policies.agent import Agent
 from agents.policies.files import load_agent, save_agent
-from agents.tables import Table, short_text
 from agents.training.learning_curves import Curve, differing, read_curve, without_copies
 from agents.training.recipe import TrainingConfig
 from agents.training.scores import evaluation_of
+from tools.site.training_seeds import meaning, result, spread, training_seeds
 
 TRAINED = Path(__file__).parent.parent / "agents" / "policies" / "trained"
 SELECTION_SEED, HELD_OUT_SEED = 2_000_000, 0
@@ -76,18 +74,6 @@ class Candidate:
             "held_out": values_of(self.held_out),
         }
 
-    @property
-    def row(self) -> list[float]:
-        """Its numbers in the table."""
-        document, factors = self.document, {metric.key: metric.factor for metric in _metrics(self)}
-        shown = [round(document["seconds"]), document["best_steps"]]
-        held_out = ("success", "return", *factors, "limits_kept")
-        for scores, names in ((self.selection, ("success", "return")), (self.held_out, held_out)):
-            for name in names:
-                factor = 100.0 if _is_share(scores[name]) else factors.get(name, 1.0)
-                shown.append(factor * scores[name].value)
-        return shown
-
 
 def main(options: ReleaseOptions) -> int:
     """Score, select, write the agent and print the table; the exit code. Raises as `read_finished`."""
@@ -107,8 +93,9 @@ def main(options: ReleaseOptions) -> int:
     chosen = choose(candidates)
     name = chosen.agent.env_id if options.variant is None else f"{chosen.agent.env_id}.{options.variant}"
     path = options.out / f"{name}.safetensors"
-    save_agent(Agent(document(candidates, chosen, options.episodes), chosen.agent.tensors), path)
-    seeds_table(candidates, chosen, options.episodes).show()
+    released = document(candidates, chosen, options.episodes)
+    save_agent(Agent(released, chosen.agent.tensors), path)
+    training_seeds(released, f"{meaning(released)} {result(released)}").show()
     note(f"wrote {path}, the agent of {chosen.curve.folder}")
     return 0
 
@@ -187,48 +174,8 @@ def document(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) 
     }
 
 
-def spread(values: Sequence[float]) -> dict[str, float]:
-    """Mean, standard deviation (of the population that the seeds are drawn from; NaN for one seed) and extremes."""
-    array = np.array(values)
-    several = len(array) > 1 and bool(np.isfinite(array).all())
-    deviation = float(array.std(ddof=1)) if several else np.nan
-    return {"mean": float(array.mean()), "std": deviation, "min": float(array.min()), "max": float(array.max())}
-
-
-def seeds_table(candidates: Sequence[Candidate], chosen: Candidate, episodes: int) -> Table:
-    """A row a training seed, the selected one in bold, and their mean and spread."""
-    titles = ("seconds", "best at step", "selection (%)", "its return", "held-out (%)", "return")
-    headers = ("training seed", *titles, *(metric.title for metric in _metrics(chosen)), "within limits (%)")
-    rows = [
-        (f"**{seed}**, released" if each is chosen else str(seed), *map(short_text, each.row))
-        for each in candidates
-        for seed in [each.curve.config.seed]
-    ]
-    over_seeds = [spread(values) for values in zip(*(each.row for each in candidates), strict=True)]
-    rows.append(("mean ± std", *(_with_deviation(column["mean"], column["std"]) for column in over_seeds)))
-    for name, key in (("least", "min"), ("greatest", "max")):
-        rows.append((name, *(short_text(column[key]) for column in over_seeds)))
-    success, (first, last) = chosen.held_out["success"], _ends(HELD_OUT_SEED, episodes)
-    caption = (
-        f"Released: {rule(episodes)[0].lower()}{rule(episodes)[1:]} Held-out: seeds {first} to {last}, which selected "
-        f"nothing; there the released agent succeeds in {100.0 * success.value:.1f} % (95 % interval "
-        f"{100.0 * success.low:.1f} to {100.0 * success.high:.1f}). Return: mean; all else: medians. Within limits: "
-        f"no value above {LIMIT_RATIO} of its limit. Seconds: of training, without evaluations."
-    )
-    return Table("", headers, rows, caption)
-
-
-def _metrics(candidate: Candidate) -> tuple[envs.card.Metric, ...]:
-    return envs.task_card(candidate.agent.env_id).metrics
-
-
 def _is_share(estimate: Estimate) -> bool:
     return not math.isnan(estimate.low)
-
-
-def _with_deviation(mean: float, deviation: float) -> str:
-    shown = short_text(mean)
-    return shown if np.isnan(deviation) else f"{shown} ± {deviation:{',.0f' if deviation >= 100.0 else '.2g'}}"
 
 
 def _ends(first: int, episodes: int) -> list[int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from agents.policies.files import load_agent
-from tools.site.agent_cards import PAGE, ROOT, gap, shipped, summary
+from tools.site.agent_cards import PAGE, ROOT, gap, shipped, summary, updated
 
 TABLES = """### Swing-v0/windy: 64 episodes
 
@@ -28,8 +28,13 @@ TABLES = """### Swing-v0/windy: 64 episodes
 def test_a_card_begins_with_the_gap_in_the_published_tables(env_id: str, variant: str | None) -> None:
     line, document = summary(env_id, variant), load_agent(env_id, variant).document
     assert (next(iter(document)), document["summary"]) == ("summary", line), "run python -m tools.site.agent_cards"
-    name = env_id if variant is None else f"{env_id}.{variant}"
-    assert f"<!-- card of {name} -->\n{line}\n<!-- end" in (ROOT / PAGE).read_text(encoding="utf-8")
+
+
+def test_the_page_has_the_cards_and_training_seeds_of_the_shipped_agents() -> None:
+    page = (ROOT / PAGE).read_text(encoding="utf-8")
+    assert updated(page) == page, "run python -m tools.site.agent_cards"
+    line = summary("MinTorqueMove-v0", None)
+    assert f"<!-- card of MinTorqueMove-v0 -->\n{line}\n<!-- end" in page
 
 
 def test_an_agent_that_ppo_did_not_improve_does_not_claim_it() -> None:

@@ -20,7 +20,8 @@ from agents.evaluation.statistics import Estimate
 from agents.policies.agent import FORMAT, Agent
 from agents.policies.files import describe_layout, layout_of, load_agent, save_agent
 from agents.training.learning_curves import read_curve
-from tools.release_agent import TRAINED, Candidate, ReleaseOptions, choose, main, score, spread
+from tools.release_agent import TRAINED, Candidate, ReleaseOptions, choose, main, score
+from tools.site.training_seeds import spread, training_seeds
 
 SETTINGS = {"control_mode": "jerk", "limit_penalty": 0.5}
 """Of the training: the meaning of actions, and a reward that is not the environment's own."""
@@ -128,9 +129,10 @@ def test_the_released_agent_and_all_that_its_json_says(
             "max": max(over_seeds),
         }
     )
-    rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
-    rows = [row for row in rows if set(row) != {"-"}]
-    names = [f"**{seed}**, released" if seed == chosen else str(seed) for seed in range(3)]
+    printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert printed == [line for line in str(training_seeds(document)).splitlines() if line]  # as from the file
+    rows = [line.split("|")[1].strip() for line in printed if not line.startswith("|-")]
+    names = [f"**{seed}**, shipped" if seed == chosen else str(seed) for seed in range(3)]
     assert rows == ["training seed", *names, "mean ± std", "least", "greatest"]
 
 

@@ -30,6 +30,7 @@ def test_markdown_in_a_file() -> None:
     assert lines[4].endswith(" 1.0|")  # numbers are aligned to the right
     assert "y" * 300 in lines[5]
     assert lines[6:] == ["", "A caption.", ""]
+    assert str(TABLE) == "\n".join(lines).strip() + "\n"
 
 
 def test_a_terminal_shows_every_cell_within_its_width() -> None:

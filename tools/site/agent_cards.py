@@ -1,7 +1,8 @@
-"""The first line of the card of every shipped agent: its gap to the best planner, and how it was trained.
+"""What the page of the agents says of every shipped agent: the first line of its card, and its training seeds.
 
-``python -m tools.site.agent_cards`` reads the published tables and writes the line as ``summary``, the first entry of
-the agent's JSON, and below its heading on the page of the agents. A test compares them.
+The first line is the gap to the best planner and how the agent was trained. ``python -m tools.site.agent_cards`` reads
+the published tables and writes the line as ``summary``, the first entry of the agent's JSON, and below its heading on
+the page; and it writes the table of training seeds from the JSON. Tests compare them.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from agents.policies.lookup import SHIPPED
 from planners.files import write_text
 from tools.release_agent import TRAINED
 from tools.site.marks import replaced
+from tools.site.training_seeds import meaning, result, training_seeds
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE, LEADERBOARD = "docs/agents/index.md", "docs/benchmark/leaderboard.md"
@@ -84,15 +86,29 @@ def training(document: Mapping[str, Any]) -> str:
 
 def main() -> int:
     """Write the lines; the exit code."""
-    page = (ROOT / PAGE).read_text(encoding="utf-8")
     for env_id, variant in shipped():
         agent, line = load_agent(env_id, variant), summary(env_id, variant)
-        name = env_id if variant is None else f"{env_id}.{variant}"
         document = {"summary": line} | {key: value for key, value in agent.document.items() if key != "summary"}
-        save_agent(Agent(document, agent.tensors), TRAINED / f"{name}.safetensors")
-        page = replaced(page, f"card of {name}", line)
-    write_text(ROOT / PAGE, page)
+        save_agent(Agent(document, agent.tensors), TRAINED / f"{_name(env_id, variant)}.safetensors")
+    write_text(ROOT / PAGE, updated((ROOT / PAGE).read_text(encoding="utf-8")))
     return 0
+
+
+def updated(page: str) -> str:
+    """The page of the agents with what the JSON of each says."""
+    meanings = set()
+    for env_id, variant in shipped():
+        document, name = load_agent(env_id, variant).document, _name(env_id, variant)
+        page = replaced(page, f"card of {name}", document["summary"])
+        if len(document["seeds"]) > 1:
+            page = replaced(page, f"{name} seeds", f"{training_seeds(document)}\n{result(document)}")
+            meanings.add(meaning(document))
+    return replaced(page, "meaning of the seeds", "\n\n".join(sorted(meanings)))
+
+
+def _name(env_id: str, variant: str | None) -> str:
+    """Name of an agent's files."""
+    return env_id if variant is None else f"{env_id}.{variant}"
 
 
 def _rows(table: str) -> dict[str, list[str]]:
