@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
 from envs.experts.payload_estimation import AdaptiveState
-from envs.experts.robust import RobustState
+from envs.experts.robust import RobustState, careful
 from envs.observation import Observation
 from envs.task import Task
 from planners.control import Gains, tracking_acceleration
@@ -18,9 +18,6 @@ from planners.typing import Array
 
 PAYLOAD_TOLERANCE = 0.01
 """Replan when the payload estimate differs by more from the one planned for, kg."""
-
-TORQUE_SHARE = 0.8
-"""Share of the torque limits that a plan uses under declared uncertainty, where that is enough for a plan."""
 
 SOONEST = 4
 """Control periods after which a plan to a target seen with noise is made anew for the first time; then at 8, 16, ..."""
@@ -164,10 +161,8 @@ class PlanningExpert(Expert):
                 problem = replace(problem, q=q[row], qd=qd[row], qdd=qdd[row])
             problem = replace(problem, payload=float(self._payload[row]))
             plan = None
-            if self._robust is not None and self._replan_every is None:  # a plan that is kept needs torque to correct
-                torque = tuple(TORQUE_SHARE * value for value in problem.joint_limits.torque)
-                careful = replace(problem, limits=replace(problem.joint_limits, torque=torque))
-                plan = self._plan(self._planner, careful)
+            if self._robust is not None and self._replan_every is None:  # a plan that is kept needs room to correct
+                plan = self._plan(self._planner, replace(problem, limits=careful(problem.joint_limits)))
             if plan is None:
                 plan = self._plan(self._planner, problem)
             if plan is not None:

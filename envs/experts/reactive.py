@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, HandGoal
+from envs.experts.robust import careful
 from envs.hashing import to_unit
 from envs.observation import Observation
 from envs.task import Task
@@ -103,6 +105,8 @@ class MovingTargetExpert(Expert):
         qdd, period = np.empty_like(q), self.task.config.control_period
         for arm, rows in self._arms():
             target = goal[0][rows], goal[1][rows], goal[2][rows]
+            if self._robust is not None and self._robust.unknown_arm:
+                arm = replace(arm, limits=careful(arm.limits))
             qdd[rows] = approach(arm, q[rows], qd[rows], commanded[rows], target, period)
         return self._action_for(seen, qdd), qdd
 

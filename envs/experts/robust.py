@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from envs.observation import Observation
 from envs.task import Task
 from envs.uncertainty.draw import DRAWN, ends
+from planners import JointLimits
 from planners.control import ArmObserver, Estimate, ObserverSettings
 from planners.control.point_filter import WIDTH, PointFilter
+from planners.robot.limits import LimitKind
 from planners.typing import Array
 
 _NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
@@ -22,9 +24,19 @@ _UNMODELLED = 0.02, 0.1
 acceleration that the first torque gives the stretched arm: less makes the filter too certain, and masses and latency
 drift; more makes plans spend torque on noise."""
 
+CAREFUL: dict[LimitKind, float] = {"torque": 0.8, "velocity": 0.97, "acceleration": 0.9, "jerk": 0.85}
+"""Shares of the limits that a motion of experts takes under declared uncertainty; the rest is for corrections, and for
+what an arm with other masses makes of a torque."""
+
 _MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
 """What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
 acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
+
+
+def careful(limits: JointLimits) -> JointLimits:
+    """The shares of some limits that `CAREFUL` leaves a motion."""
+    shares = {kind: tuple((share * limits.array(kind)).tolist()) for kind, share in CAREFUL.items()}
+    return replace(limits, **shares)
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,9 @@ class RobustTracking:
 
     Args:
         task: the environment's task.
+
+    Attributes:
+        unknown_arm: whether masses or friction are uncertain.
     """
 
     def __init__(self, task: Task) -> None:
@@ -70,8 +85,8 @@ class RobustTracking:
             for name, share in _MANOEUVRE.items()
             if camera > 0.0 and name in scales
         }
-        unknown = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
-        noisy = task.uncertainty.noisy and (unknown or soonest < latest)
+        self.unknown_arm = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
+        noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest)
         strength = task.arm.limits.array("torque")[0] / task.arm.chain_constants[0].sum()
         self._observer = ArmObserver(
             task.arm,

@@ -55,6 +55,22 @@ def test_the_belt_is_met_with_noisy_encoders() -> None:
     assert share("ConveyorTrack-v0", "lagrange", filtered=False, **settings) == 0.0
 
 
+@pytest.mark.parametrize("name", ["dpct", "lagrange", "apf"])
+def test_the_belt_is_met_within_all_limits_by_an_unknown_arm(name: str) -> None:
+    for level in ("model_error", "friction"):
+        settings = envs.task_card("ConveyorTrack-v0").levels[level].settings
+        vector: Any = gym.make_vec("ConveyorTrack-v0", num_envs=EPISODES, **settings)
+        expert = envs.make_expert(name, vector)
+        (observations, _), ended, state = vector.reset(seed=0), False, None
+        while not ended:
+            actions, state = expert.predict(observations, state)
+            observations, _, _, truncated, info = vector.step(actions)
+            ended = truncated.all()
+        assert info["is_success"].all(), level
+        within = info["limit_ratio"] <= 1.0 + vector.task.config.limit_tolerance
+        assert within.mean() >= 5 / 6, (level, info["limit_ratio"])
+
+
 def test_discs_are_dodged_in_spite_of_latency() -> None:
     settings: dict[str, Any] = {"latency": 0.04}
     assert share("ObstacleDodge-v0", "apf", **settings) >= 5 / 6
