@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,6 +95,11 @@ class Layout:
             )
         physical = values * self.scales
         return {entry.name: np.ascontiguousarray(physical[..., place]) for entry, place in self.slices()}
+
+    def compose(self, seen: Mapping[str, Array]) -> Observation:
+        """Observations ``(num_envs, size)`` of physical values as `parse` gives them, clipped to the bounds."""
+        parts = [np.clip(seen[entry.name] / entry.scale, -entry.bound, entry.bound) for entry in self.entries]
+        return np.concatenate(parts, axis=-1).astype(np.float32)
 
     def table(self) -> str:
         """The layout as a Markdown table."""

@@ -129,17 +129,32 @@ class Agent:
         return (bounded[0] if np.ndim(observation) == 1 else bounded), None
 
     def for_env(self, env: Any) -> Any:
-        """The policy in an environment, single or vector: this agent, or the expert that acts on its forecasts.
+        """The policy in an environment, single or vector: this agent, or one that acts through it.
+
+        That is the expert that acts on its forecasts; or, among noise on the belt, `FilteredPolicy`, if its network was
+        trained without noise.
 
         Raises:
             ValueError: if the environment is none that it was trained for.
         """
         self.check_env(env)
         if not self.forecasts:
+            from envs.conveyor_track.filtered import FilteredPolicy
+
+            task = getattr(env.unwrapped, "task", None)
+            if FilteredPolicy.wanted(task) and not self._knows_noise:
+                return FilteredPolicy(task, self.network_actions)
             return self
         from envs.obstacle_dodge.forecasts import ForecastingExpert
 
         return ForecastingExpert(env.unwrapped.task, self.network_actions)
+
+    @property
+    def _knows_noise(self) -> bool:
+        """Whether it may have been trained with noise: with settings that declare some, or at difficulty levels."""
+        training = self.document.get("training")
+        recipe = training.get("config") if isinstance(training, Mapping) else None
+        return self._task.uncertainty.noisy or (isinstance(recipe, Mapping) and bool(recipe.get("levels")))
 
     def network_actions(self, inputs: NDArray[np.float32], *, deterministic: bool = True) -> Actions:
         """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1]."""

@@ -148,10 +148,7 @@ class RobustTracking:
             if name in seen:
                 shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
                 seen[name] = seen[name] + shift
-        expected = observations.copy()
-        for entry, place in layout.slices():
-            expected[:, place] = np.clip(seen[entry.name] / entry.scale, -entry.bound, entry.bound)
-        return expected, estimate, RobustState(before.expert, memory, points, left - 1), begins
+        return layout.compose(seen), estimate, RobustState(before.expert, memory, points, left - 1), begins
 
     def _filtered(self, seen: dict[str, Array], before: RobustState, begins: NDArray[np.bool_]) -> dict[str, Array]:
         """The filters of the points after a sample, which they replace by their estimates in ``seen``."""
