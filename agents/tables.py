@@ -45,8 +45,16 @@ class Table:
     text_columns: int = 1  # how many of the first columns hold text, which is aligned to the left
     foremost: Sequence[str] = ()  # headers that a terminal shows, as many of the first as fit beside the text columns
     brief: str = ""  # caption for a terminal, if it has foremost columns
+    legend: str = ""  # what the numbers of all tables of its kind are, which need not be said below each; may be empty
 
-    def show(self, console: Console | None = None, *, markdown: bool = False, wide: bool = False) -> None:
+    def show(
+        self,
+        console: Console | None = None,
+        *,
+        markdown: bool = False,
+        wide: bool = False,
+        explained: set[str] | None = None,
+    ) -> None:
         """Print it.
 
         Args:
@@ -54,14 +62,20 @@ class Table:
             markdown: whether to print Markdown on a terminal too.
             wide: whether a terminal shows all columns, although some are folded; by default it shows the foremost ones,
                 if there are any, and then the others, as far as they fit.
+            explained: legends that have been printed above, which are not repeated; this one is added.
         """
-        console = console or Console()
-        if console.is_terminal and not markdown:
-            shown = self if wide or not self.foremost else self._fitting(console)
-            shown._print(console, self.title, shown._rich(box.SIMPLE_HEAD, narrow=True))
-        else:
+        console, explained = console or Console(), set() if explained is None else explained
+        full = self if self.legend in explained else replace(self, caption=f"{self.legend} {self.caption}".strip())
+        if not console.is_terminal or markdown:
             unbroken = Console(file=console.file, width=_MARKDOWN_WIDTH)
-            self._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+            full._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+        elif self.foremost and not wide:
+            fitting = self._fitting(console)
+            fitting._print(console, self.title, fitting._rich(box.SIMPLE_HEAD, narrow=True))
+            return  # without the legend
+        else:
+            full._print(console, self.title, self._rich(box.SIMPLE_HEAD, narrow=True))
+        explained.add(self.legend)
 
     def __str__(self) -> str:
         text = io.StringIO()

@@ -80,7 +80,7 @@ def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:
             row.append(interval_text(pair.metric.times(metric.factor), _signed))
         row += [interval_text(pair.returns, _signed), interval_text(pair.improvement.times(100.0), "{:.1f}".format)]
         rows.append(row)
-    caption = (
+    legend = (
         "The first policy minus the second, episode by episode, with 95 % bootstrap intervals: mean difference of "
         "success, median difference of the task's primary metric (an episode without success counts as infinitely "
         "bad), interquartile mean of the differences of the return. Better: share of episodes in which the first does "
@@ -90,7 +90,7 @@ def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:
         "",
         headers,
         rows,
-        caption,
+        legend=legend,
         foremost=(headers[-3] if metric else "return", "better (%)"),
         brief="The first policy minus the second, on the same episodes, with 95 % intervals.",
     )

@@ -18,6 +18,13 @@ from agents.tables import Table, interval_text, number_text, percent_text, share
 from envs.card import Bound, TaskCard
 from planners.typing import Array
 
+LEGEND = (
+    "Success, like other shares, with its 95 % interval. Return: interquartile mean with its 95 % bootstrap interval. "
+    "All else: medians. Limit ratio: worst value over its limit; broken: episodes in which it is more than "
+    f"{1.0 + LIMIT_TOLERANCE:g}."
+)
+"""What the numbers of every leaderboard are."""
+
 
 @dataclass
 class TaskResult:
@@ -106,6 +113,7 @@ def leaderboard(result: TaskResult) -> Table:
         headers,
         rows,
         " ".join(_caption(result)),
+        legend=LEGEND,
         foremost=("success (%)", *([primary.title] if primary else []), "over best known", "broken (%)", "return"),
         brief="Success and return with 95 % intervals, all else medians.",
     )
@@ -127,12 +135,7 @@ def _policy_cells(result: TaskResult, evaluation: Evaluation, estimates: dict[st
 
 
 def _caption(result: TaskResult) -> Iterator[str]:
-    """What the numbers are, sentence by sentence."""
-    yield (
-        "Success, like other shares, with its 95 % interval. Return: interquartile mean with its 95 % bootstrap "
-        "interval. All else: medians. "
-        f"Limit ratio: worst value over its limit; broken: episodes in which it is more than {1.0 + LIMIT_TOLERANCE:g}."
-    )
+    """What only the numbers of this leaderboard are, sentence by sentence."""
     if result.bounded is not None:
         bound, values = result.bounded
         which = "" if len(values) == len(result.seeds) else f" (the first {len(values)})"

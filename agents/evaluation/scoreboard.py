@@ -56,10 +56,18 @@ class Scoreboard:
                 tables.append(comparison(result.task.env, pairs))
         return tables
 
-    def show(self, console: Console | None = None, *, markdown: bool = False, wide: bool = False) -> None:
-        """Print the tables, as `Table.show`."""
+    def show(
+        self,
+        console: Console | None = None,
+        *,
+        markdown: bool = False,
+        wide: bool = False,
+        explained: set[str] | None = None,
+    ) -> None:
+        """Print the tables, as `Table.show`, each legend once."""
+        explained = set() if explained is None else explained
         for table in self.tables:
-            table.show(console, markdown=markdown, wide=wide)
+            table.show(console, markdown=markdown, wide=wide, explained=explained)
 
     def csv(self) -> str:
         """Every number in SI units with its interval, one a line: of a policy, or of a difference to another."""

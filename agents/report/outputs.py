@@ -76,7 +76,7 @@ class _Tables:
     """The tables on stdout, task by task; `error` is why it takes no more."""
 
     def __init__(self, outputs: ScoreOutputs, opening: str) -> None:
-        self._outputs, self._opening, self._shown = outputs, opening, set[int]()
+        self._outputs, self._opening, self._shown, self._explained = outputs, opening, set[int](), set[str]()
         self.error: OSError | SystemExit | None = None
 
     def show(self, result: TaskResult) -> None:
@@ -94,7 +94,8 @@ class _Tables:
         try:
             if opening:
                 say(f"{opening}\n")
-            Scoreboard([result]).show(markdown=self._outputs.format == "markdown", wide=self._outputs.wide)
+            markdown = self._outputs.format == "markdown"
+            Scoreboard([result]).show(markdown=markdown, wide=self._outputs.wide, explained=self._explained)
             sys.stdout.flush()
         except (
             OSError,

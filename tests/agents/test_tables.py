@@ -42,6 +42,16 @@ def test_a_terminal_shows_every_cell_within_its_width() -> None:
     assert "A caption." in text
 
 
+def test_a_legend_stands_above_the_caption_of_the_first_table_that_has_it() -> None:
+    one, two = (Table(title, ("a",), [("x",)], f"Of {title}.", legend="All.") for title in ("one", "two"))
+    file, explained = io.StringIO(), set[str]()
+    for table in (one, two, Table("", ("a",), [("x",)], legend="Other.")):
+        table.show(Console(file=file), explained=explained)
+    captions = [line for line in file.getvalue().splitlines() if line.endswith(".")]
+    assert captions == ["All. Of one.", "Of two.", "Other."]
+    assert "All. Of two." in str(two)
+
+
 def test_without_title_and_caption_there_is_the_table_alone() -> None:
     lines = printed(Table("", ("a", "b"), [("x", "1")]), terminal=False).split("\n")
     assert [line for line in lines if line.strip()] == ["|a|b|", "|-|-|", "|x|1|"]

@@ -16,6 +16,7 @@ import tyro
 
 import envs
 from agents.console import note
+from agents.evaluation.leaderboard import LEGEND
 from envs.card import TaskCard
 from planners import arm_names, load_arm
 from planners.files import write_text
@@ -102,11 +103,11 @@ def _policies(env_id: str, card: TaskCard) -> str:
         for part in re.split(r"^### ", text, flags=re.MULTILINE)
         if part.startswith((f"{env_id}:", f"{env_id}/"))
     ]
-    titled = "\n\n".join(f"### {part}" for part in found)
+    titled = "\n\n".join(f"### {part.replace(LEGEND, '').strip()}" for part in found)
     return (
         "## Leaderboard\n\nPrinted by `planarm benchmark --full`, see [the leaderboard](../benchmark/leaderboard.md) "
         "for the comparisons and times, and [the experts](../planners/experts.md) for what each policy does.\n\n"
-        f"{titled}"
+        f"{LEGEND}\n\n{titled}"
     )
 
 
