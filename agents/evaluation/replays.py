@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import Any
-
-import numpy as np
 
 from agents.environments import make_one, task_type
 from agents.evaluation.benchmark_config import BenchmarkTask
@@ -17,7 +15,6 @@ from agents.policies.lookup import NamedPolicy
 from agents.policies.play import Info, play
 from envs.rendering.document import scene_document
 from envs.task import Task
-from planners.typing import Array
 
 FRAME_RATE = 20.0
 """Frames a second of a replay, where that gives as many frames as `FRAMES` allows."""
@@ -124,20 +121,6 @@ def units_of(view: Sequence[float]) -> dict[str, int]:
     span = max(view[1] - view[0], view[3] - view[2])
     finer: int = 10 ** math.ceil(math.log10(1.5 / span))
     return {"": 1000 * max(1, finer), "time": 1000, **dict.fromkeys(_SHARES, 100)}
-
-
-def replay_joints(recorded: Mapping[str, Any], units: Mapping[str, int]) -> Array:
-    """The positions of the joints in a replay, ``(frames, n + 1, 2)``, m: `record_replay` read back."""
-    paths = [path for path in (*recorded["fixed"], *recorded["numbers"]) if path.startswith("joints.")]
-    joints = np.empty((recorded["frames"], len(paths) // 2, 2))
-    for path in paths:
-        _, joint, axis = path.split(".")
-        if path in recorded["fixed"]:
-            joints[:, int(joint), int(axis)] = recorded["fixed"][path]
-        else:
-            joints[:, int(joint), int(axis)] = np.cumsum([int(step) for step in recorded["numbers"][path].split()])
-            joints[:, int(joint), int(axis)] /= units[""]
-    return joints
 
 
 def _stride(seconds: float, period: float) -> int:

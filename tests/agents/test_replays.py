@@ -15,15 +15,30 @@ from agents.commands.benchmark import BenchmarkOptions, run
 from agents.environments import make_one
 from agents.evaluation.benchmark_config import BenchmarkTask
 from agents.evaluation.leaderboard import TaskResult
-from agents.evaluation.replays import FRAMES, record_replays, replay_joints, seeds_to_record, units_of
+from agents.evaluation.replays import FRAMES, record_replays, seeds_to_record, units_of
 from agents.evaluation.results import Evaluation, Timing
 from agents.report.results_file import Results
+from planners.typing import Array
 
 
 def scores(name: str, success: list[bool], settled: list[float]) -> Evaluation:
     metrics = {"is_success": np.array(success), "settling_time": np.array(settled)}
     seeds = np.arange(10, 10 + len(success))
     return Evaluation(name, "ConveyorTrack-v0", seeds, np.array(settled), seeds, metrics, Timing(env_steps=1))
+
+
+def replay_joints(recorded: dict[str, Any], units: dict[str, int]) -> Array:
+    """The positions of the joints in a replay, ``(frames, n + 1, 2)``, m: `record_replay` read back."""
+    paths = [path for path in (*recorded["fixed"], *recorded["numbers"]) if path.startswith("joints.")]
+    joints = np.empty((recorded["frames"], len(paths) // 2, 2))
+    for path in paths:
+        _, joint, axis = path.split(".")
+        if path in recorded["fixed"]:
+            joints[:, int(joint), int(axis)] = recorded["fixed"][path]
+        else:
+            joints[:, int(joint), int(axis)] = np.cumsum([int(step) for step in recorded["numbers"][path].split()])
+            joints[:, int(joint), int(axis)] /= units[""]
+    return joints
 
 
 @pytest.mark.parametrize(("task", "policy"), [(0, "apf"), (1, "random")])
