@@ -1,11 +1,9 @@
-"""The base of every task: a batch of environments whose whole state compiled kernels read and write."""
+"""The base of every task: what it declares and means; its running episodes are in `envs.batch.running`."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from threading import Lock
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
@@ -15,16 +13,14 @@ from numpy.typing import NDArray
 
 from envs.arms import require_links
 from envs.batch.assembly import assemble
-from envs.batch.exclusive import exclusive, refuse_second
-from envs.batch.records import Fields, Records, public_view
-from envs.batch.state import Episodes, State, checked_state
-from envs.card import Control, task_card
-from envs.checks import checked_change
+from envs.batch.records import Fields
+from envs.batch.running import RunningEpisodes
+from envs.card import task_card
 from envs.observation import Layout, Observation
 from envs.physics.actuation import LIMIT_KINDS, ControlMode
 from envs.physics.rigid_bodies import whole_multiple
 from envs.rendering import Scene
-from envs.settings import Settings, refuse_unknown
+from envs.settings import refuse_unknown
 from envs.task_settings import LimitSettings as LimitSettings
 from envs.task_settings import TaskSettings as TaskSettings
 from envs.task_settings import whole_periods as whole_periods
@@ -33,16 +29,14 @@ from planners import Arm, MotionProblem
 from planners.compiled.calls import Kernel
 from planners.typing import Array
 
-Options = Mapping[str, Any]
 
-
-class Task(ABC):
+class Task(RunningEpisodes):
     """A batch of environments of one task.
 
     An environment's state is one record of `batch`; what all environments share is the single record of `model`. Both
     are views that nobody can write to: a kernel gets the whole records, with the addresses of the bodies in Chipmunk.
-    Copying or pickling a task keeps the running episodes: it makes another with the settings, and sets its state.
-    A subclass declares what is listed below, draws the starts of episodes, and has two compiled kernels:
+    A subclass declares what is listed below, draws the starts of episodes and writes them into records (`draw`,
+    `write_start`), and has two compiled kernels:
     ``reset_env(batch, model, index)`` begins an episode whose start is written into the record, and
     ``advance_batch(batch, model, first, last)`` advances environments ``first`` to ``last - 1`` by one control period
     under their ``action``. A kernel writes the observed values by name, ``env.seen.goal``, and ends with
@@ -79,9 +73,7 @@ class Task(ABC):
             address; the name ends with ``_kernel``. None for one that these settings do not need.
     """
 
-    env_id: ClassVar[str]
     config_type: ClassVar[type[TaskSettings]]
-    options_type: ClassVar[type[Settings]]
     kernels: ClassVar[Any]
     default_arm: ClassVar[Arm]
     physics: ClassVar[tuple[str, ...]] = ("pymunk",)
@@ -91,7 +83,6 @@ class Task(ABC):
     boolean_outcomes: ClassVar[tuple[str, ...]] = ()
     gauges: ClassVar[tuple[str, ...]]
     view: tuple[float, float, float, float]
-    measures: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -108,23 +99,7 @@ class Task(ABC):
         self.arm = arm
         self.horizon_steps = whole_periods(config, "horizon", config.horizon)
         self.uncertainty = Uncertainty(config, arm)
-        self._batch = assemble(self, num_envs, env_fields, constants, table_shape, kernels)
-        self._ready, self._in_use = False, Lock()
-
-    @property
-    def num_envs(self) -> int:
-        """Number of environments."""
-        return len(self._batch.records)
-
-    @property
-    def batch(self) -> Records:
-        """One record per environment, to read."""
-        return self._batch.view
-
-    @property
-    def model(self) -> Records:
-        """One record: the numbers of the configuration, and the ``constants`` given to the constructor, to read."""
-        return public_view(self._batch.model)
+        super().__init__(assemble(self, num_envs, env_fields, constants, table_shape, kernels))
 
     @classmethod
     def make(cls, config: Mapping[str, Any], num_envs: int) -> Self:
@@ -148,76 +123,6 @@ class Task(ABC):
     def fit(cls, config: Any) -> Any:
         """Settings in which values that were left out fit the arm; unchanged for the task's own arm."""
         return config
-
-    @exclusive
-    def reset_envs(
-        self, env_indices: Sequence[int], generators: Sequence[np.random.Generator], options: Options
-    ) -> None:
-        """Begin an episode in some environments, each with its own generator.
-
-        Raises:
-            ValueError: for unknown options, or a start from which the task cannot be solved; nothing has changed then.
-        """
-        records = [self._batch.record(env_index) for env_index in env_indices]
-        if len(generators) != len(records):
-            raise ValueError(f"{len(generators)} generators for {len(records)} environments; give one for each")
-        starts = self.draw(generators, self._parsed(options) if options else self._all_drawn)
-        truths = self.uncertainty.draw(generators, key=not self.measures)
-        for record, start, truth in zip(records, starts, truths, strict=True):
-            self.uncertainty.write(record, truth)
-            self.begin(record, start)
-            record["begun"] = True
-        self._ready = bool(self._batch.records["begun"].all())
-
-    def begin(self, record: Any, start: Any) -> None:
-        """Begin the episode of a start in the environment of a record."""
-        self.write_start(record, start)
-        self._batch.reset(int(record["env_index"]))
-
-    @exclusive
-    def take_over(self, other: Task) -> None:
-        """Continue the episodes of a task whose settings differ in the payload at most.
-
-        Raises:
-            ValueError: for another task, other settings, or a task with a machine of its own.
-        """
-        ours, theirs = (one.config.model_dump(exclude={"payload"}) for one in (self, other))
-        if type(self) is not type(other) or self.num_envs != other.num_envs or ours != theirs:
-            raise ValueError("the episodes are of another task, or one whose settings differ in more than the payload")
-        if not task_card(self.env_id).links:
-            raise ValueError(f"{self.env_id} has a machine of its own, whose payload belongs to the episode")
-        self._batch.take_over(other._batch, self.uncertainty.load)
-        self._ready = other._ready
-
-    @exclusive
-    def change(self, env_index: int, control: Control, value: Any, index: int = 0) -> bool:
-        """Change a running episode by a control of the task's card; whether that is done, as `Control.write` says.
-
-        Raises:
-            ValueError: for a value that the control does not take, or that is impossible.
-        """
-        record = self._batch.record(env_index)
-        points = 0 if control.span else len(control.read(self, record))
-        done = control.write(self, record, *checked_change(control, points, value, index))
-        if done:
-            self._batch.refresh(env_index)
-        return done
-
-    @abstractmethod
-    def draw(self, generators: Sequence[np.random.Generator], options: Any) -> Sequence[Any]:
-        """Draw one start per generator, as the options (of `options_type`) say; bad ones raise ValueError."""
-
-    @abstractmethod
-    def write_start(self, record: Any, start: Any) -> None:
-        """Write a start into the record of an environment."""
-
-    def write_table(self, record: Any, table: Array | bytes) -> None:
-        """Give an environment the table of its episode, which its kernels read by `envs.physics.episode.table_of`."""
-        self._batch.write_table(record, table)
-
-    def table(self, env_index: int) -> Array:
-        """The table of an environment's episode."""
-        return self._batch.table(env_index)
 
     @abstractmethod
     def outcome(self, record: Any) -> dict[str, Any]:
@@ -254,46 +159,7 @@ class Task(ABC):
         }
         return Scene(**(common | self.picture(record)))
 
-    def advance(self, actions: Array | None = None, resting: NDArray[np.bool_] | None = None) -> None:
-        """Advance every environment by one control period, on several threads if there are many.
-
-        Args:
-            actions: finite numbers, ``(num_envs, k)``; None for those of the last period.
-            resting: environments that stay as they are, ``(num_envs,)``; none if left out.
-        """
-        if self._in_use.locked():
-            refuse_second("advance", self)
-        if not self._ready:
-            raise gym.error.ResetNeeded("an environment has not begun an episode: call reset_envs() first")
-        with self._in_use:
-            if actions is not None:
-                self._batch.actions[...] = actions
-            self._batch.advance(resting)
-
-    @exclusive
-    def get_state(self, episodes: Episodes | None = None) -> State:
-        """The running episodes as one value, to the bit, with what a Gymnasium environment knows of them.
-
-        Raises:
-            RuntimeError: if the installed Pymunk keeps its numbers elsewhere than planarm knows.
-        """
-        return self._batch.save(self._common, episodes)
-
-    @exclusive
-    def set_state(self, state: State) -> None:
-        """Continue from a state of a task with the same settings; that of a single environment goes to all.
-
-        Raises:
-            ValueError: for the state of another task, or with other settings; nothing has changed then.
-        """
-        checked_state(state).require_fit(self._common, self.num_envs)
-        self._batch.load(state)
-        self._ready = bool(self._batch.records["begun"].all())
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.config, self.num_envs, self.get_state())
-
-    def close(self) -> None:  # noqa: B027  nothing that every task would have to do
+    def close(self) -> None:
         """Free what a subclass holds besides memory; may be called twice. Here, nothing."""
 
     @staticmethod
@@ -331,30 +197,3 @@ class Task(ABC):
             horizon=max(float(seen["time_left"][0]), self.config.control_period),
             **more,
         )
-
-    def _parsed(self, options: Options) -> Any:
-        return self.options_type.parse(options, f"{self.env_id} option")
-
-    @cached_property
-    def _all_drawn(self) -> Any:
-        """The options of an episode of which nothing is given."""
-        return self._parsed({})
-
-    @cached_property
-    def _common(self) -> dict[str, Any]:
-        """What an environment has to have in common with this one to continue its states."""
-        own = [name for name in type(self.config).model_fields if name not in ("arm", "gravity")]
-        return {
-            "environment": self.env_id,
-            "task": f"{type(self).__module__}.{type(self).__qualname__}",
-            **{name: getattr(self.config, name) for name in own},
-            "arm": self.arm,
-            "fields of a record": str(self.batch.dtype),
-        }
-
-
-def _made_again(kind: Any, config: TaskSettings, num_envs: int, state: State) -> Task:
-    """A task with the episodes of another one."""
-    task: Task = kind(config, num_envs)
-    task.set_state(state)
-    return task
