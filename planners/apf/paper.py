@@ -178,7 +178,7 @@ def hand_goal(problem: MotionProblem) -> Array:
         arm.inverse_kinematics(target.position)
     except ValueError as error:
         raise Infeasible("unreachable", str(error), position=target.position) from None
-    return target.position
+    return target.position.copy()  # writable, like the other: a second kind of argument would be compiled again
 
 
 @njit(cache=True, nogil=True)

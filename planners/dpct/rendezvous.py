@@ -118,7 +118,7 @@ def _early(line: Line, tracking: Tracking, low: float, high: float, aim: Aim) ->
 
 def meets_at(tracking: Tracking, time: float) -> Solution | None:
     """The motion of least tracking index to a rendezvous at a given time, s; None if there is none."""
-    solution = Solution(*solve(tracking, time, time, time, 0.0, 1.0 / _quintic_index(tracking, time)))
+    solution = Solution(*solve(tracking, time, time, time, 0.0, 1.0 / _quintic_index(tracking, time), 1.0))
     return solution if solution.converged else None
 
 

@@ -86,5 +86,5 @@ def _settling_time(tracking: Tracking, tolerances: Array, share: float, window: 
     if latest <= earliest:
         return math.inf
     tracking = tracking._replace(error_bounds=error_bounds)
-    solution = Solution(*solve(tracking, rendezvous, earliest, latest, 1.0 / rendezvous, 0.0))
+    solution = Solution(*solve(tracking, rendezvous, earliest, latest, 1.0 / rendezvous, 0.0, 1.0))
     return solution.time * float(tracking.durations[:first].sum()) if solution.converged else math.inf

@@ -88,11 +88,13 @@ class JointMove:
         excess = np.maximum(self.end_loads - tightening[:, None], 0.0)
         closeness = np.maximum(1.0 - np.stack([basis.s, 1.0 - basis.s]) / CLOSE, 0.0)
         share = tightening[:, None] + np.einsum("sk,sij->kij", closeness, excess)
-        kinds, joints = np.nonzero(np.isfinite(self.limit_table))
+        # without limits arrays would have another memory layout, for which all would be compiled again
+        kinds, joints = map(np.ascontiguousarray, np.nonzero(np.isfinite(self.limit_table)))
         inverse = 1.0 / (share * self.limit_table)[:, kinds, joints]
         # values that depend on the ends alone are not limited
         acts = np.abs(basis.functions).max(axis=2) > 1e-9 * np.abs(basis.functions).max(axis=(0, 2))
         inverse *= np.column_stack([acts, acts[:, :3].any(axis=1)])[:, _ORDERS[kinds]]
+        inverse = np.ascontiguousarray(inverse)
         middle = np.where(kinds == LIMIT_KINDS.index("angle"), self.limits.angle_middle[joints], 0.0)
         power = int(index.objective[2])
         return TorqueTask(*self.arm.chain_constants, _ORDERS[kinds], joints, middle, inverse, power, index.unit)

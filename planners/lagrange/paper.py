@@ -289,6 +289,6 @@ def _search(
     )
     first = np.cumsum([0, *(len(rows) for rows in grid)])
     coupling, weight = problem.loaded_arm.chain_constants
-    angle, speed, acceleration = (np.ascontiguousarray(curves[:, d]) for d in range(3))
-    best = least_torque(coupling, weight, np.exp(1j * angle), speed, acceleration, first, weights)
+    angle, speed, acceleration = curves.swapaxes(0, 1)
+    best = least_torque(coupling, weight, angle, speed, acceleration, first, weights)
     return [rows[index] for rows, index in zip(grid, best.tolist(), strict=True)]

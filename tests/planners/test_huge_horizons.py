@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from planners import Arm, FixedHand, FixedJoints, Infeasible, JointLimits, MotionProblem, MovingHand, apf, dpct
+from planners import (
+    Arm,
+    FixedHand,
+    FixedJoints,
+    Infeasible,
+    JointLimits,
+    MotionProblem,
+    MovingHand,
+    Obstacle,
+    apf,
+    dpct,
+)
 from planners.capabilities import VARIANTS
 from planners.problem import Target
 
@@ -51,3 +65,20 @@ def test_the_paper_of_apf_ends_after_a_bounded_number_of_samples() -> None:
         apf.plan(problem, variant="paper", attraction=1e-3)
     longer = apf.plan(problem, variant="paper", attraction=1e-3, period=0.1)
     np.testing.assert_allclose(ARM.forward_kinematics(longer.q[-1]), [0.35, 0.4], atol=1.1e-3)
+
+
+def test_a_start_across_the_path_among_discs_takes_a_bounded_number_of_samples() -> None:
+    """The joints spin while they brake over the whole horizon; discs are looked at in the chosen motion only."""
+    limits = JointLimits(torque=[60.0] * 6, velocity=[2.0] * 6, acceleration=[5.0] * 6)
+    arm = Arm("six", [0.2] * 6, [1.0] * 6, limits=limits)
+    discs = tuple(Obstacle([2.0, y], [0.0, 0.0], 0.1) for y in (-1.0, 0.0, 1.0))
+    goal, moving = np.linspace(0.5, -0.5, 6), np.array([0.1, 0.0, -0.1, 0.05, 0.0, 0.1])
+    for target in (FixedJoints(goal), FixedHand(arm.forward_kinematics(goal))):
+        problem = MotionProblem(arm, np.full(6, 0.2), target, 1.6e9, qd=moving, obstacles=discs)
+        dpct.plan(replace(problem, horizon=3.0), variant="torque")  # compiles
+        began = time.process_time()
+        motion = dpct.plan(problem, variant="torque")
+        assert time.process_time() - began < 10.0  # at the discs in every attempt and posture: more than a minute
+        assert len(motion.t) < 25_000
+        assert 0.0 <= motion.clearance < 1.0
+        assert motion.limit_ratio <= 1.0 + 1e-6

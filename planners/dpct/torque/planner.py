@@ -30,6 +30,7 @@ from planners.motion.time_laws import stop_motion
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
 from planners.robot.limits import LimitKind
 from planners.trajectory import Trajectory, sampled_trajectory
+from planners.trajectory.measure import measure
 from planners.typing import Array
 
 Objective = Literal["PI1", "PI2"]
@@ -39,6 +40,11 @@ STAGES, MOST_STAGES = 96, 1000
 
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
 """Least and most samples a step, and largest time (s) between two if they are enough."""
+
+MOST_ACROSS = 10_000
+"""Samples, about, where joints are braked beside the path: they spin in a long horizon, and the search for the least
+clearance then takes its most at every sample.
+"""
 
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
 """Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
@@ -103,15 +109,24 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     require_choice("objective", objective, get_args(Objective))
     if not 10 <= stages <= MOST_STAGES:
         raise ValueError(f"stages {stages} must be from 10 to {MOST_STAGES}")
+    free = replace(problem, obstacles=())  # which are looked at once, in the motion that is chosen
     if isinstance(problem.target, FixedHand):
         failure = None
         if problem.arm.n_joints in (2, 3):
             try:
-                return _along(_way(problem, stages), objective)
+                return _among(problem, _along(_way(free, stages), objective))
             except Infeasible as refusal:
                 failure = refusal
         return _to_postures(problem, objective, stages, failure)
-    return _along(_way(problem, stages), objective)
+    return _among(problem, _along(_way(free, stages), objective))
+
+
+def _among(problem: MotionProblem, trajectory: Trajectory) -> Trajectory:
+    """A motion that was planned without the obstacles of a problem, measured with them."""
+    if not problem.obstacles:
+        return replace(trajectory, problem=problem)
+    samples = trajectory.t, trajectory.q, trajectory.qd, trajectory.qdd, trajectory.tau
+    return replace(trajectory, problem=problem, measured=measure(problem, *samples))
 
 
 def _along(way: _Way, objective: Objective) -> Trajectory:
@@ -145,17 +160,26 @@ def _along(way: _Way, objective: Objective) -> Trajectory:
 
 
 def _to_postures(problem: MotionProblem, objective: Objective, stages: int, failure: Infeasible | None) -> Trajectory:
-    """The best of the straight joint paths to the postures of a hand target; ``failure`` is that of the hand's path."""
+    """The best of the straight joint paths to the postures of a hand target that touches no obstacle; ``failure`` is
+    that of the hand's path.
+    """
     assert isinstance(problem.target, FixedHand)
     plans, failures = [], [] if failure is None else [failure]
     for goal in goal_postures(problem, problem.target, "best"):
         try:
-            plans.append(plan_torque(replace(problem, target=FixedJoints(goal)), objective=objective, stages=stages))
+            free = replace(problem, target=FixedJoints(goal), obstacles=())
+            plans.append(plan_torque(free, objective=objective, stages=stages))
         except Infeasible as refusal:
             failures.append(refusal)
-    if not plans:
+    plans.sort(key=lambda plan: plan.cost)
+    measured = []
+    for plan in plans:
+        measured.append(_among(problem, plan))
+        if measured[-1].clearance >= 0.0:
+            return measured[-1]
+    if failures:
         raise failures[0]
-    return replace(min(plans, key=lambda plan: plan.cost), problem=problem)
+    return measured[0]  # to be refused with where it touches
 
 
 @dataclass(frozen=True)
@@ -319,7 +343,10 @@ def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Ar
     if profile.rest > 0.0:
         steps = np.insert(steps, stage, [way.r[stage], 0.0, 0.0, profile.rest], axis=1)
     begin = np.append(0.0, np.cumsum(steps[3]))
-    parts = np.clip(np.ceil(steps[3] / SAMPLING_STEP).astype(int), SAMPLES, MOST_SAMPLES)
+    parts = np.clip(np.ceil(steps[3] / SAMPLING_STEP), SAMPLES, MOST_SAMPLES).astype(int)
+    if way.across is not None:
+        share = np.maximum(steps[3] / steps[3].sum(), 1.0 / len(parts))
+        parts = np.minimum(parts, np.maximum(SAMPLES, np.ceil(MOST_ACROSS * share)).astype(int))
     step = np.repeat(np.arange(len(parts)), parts + 1)
     part = np.arange(len(step)) - (np.cumsum(parts + 1) - (parts + 1))[step]
     r, rate, acceleration, duration = steps[:, step]
