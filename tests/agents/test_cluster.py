@@ -58,7 +58,11 @@ def planarm(folder: Path, *arguments: str) -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str]) -> str:
-    printed, _ = process.communicate(timeout=400)
+    with process:
+        try:
+            printed, _ = process.communicate(timeout=400)
+        finally:
+            process.kill()  # if it takes too long
     assert process.returncode == 0, printed
     return printed
 
