@@ -1,7 +1,9 @@
 """A policy that acts by jerks on filtered joints and a filtered part, where the settings declare noise.
 
 The filters are linear: joints and part move freely, the joints with the accelerations that the jerks command, the part
-with that of the belt. A policy that knows nothing of noise so observes nearly what it would without it.
+with that of the belt. So a policy that was trained without noise observes nearly what it would without it.
+
+Source of the filters: `planners.control.point_filter`.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class FilteredPolicy(Expert):
             return
         angles, speeds = seen["joint_position"][:, None], seen["joint_velocity"][:, None]
         self._joints.update(track.joints, begins, angles, speeds, track.commanded[:, None])
-        track.joints[begins, 0, 2:4] = track.joints[begins, 0, 6] = 0.0
+        track.joints[begins, 0, 2:4] = track.joints[begins, 0, 6] = 0.0  # velocities, and their variance
         seen["joint_position"], seen["joint_velocity"] = track.joints[:, 0, :2], track.joints[:, 0, 2:4]
         seen["joint_acceleration"] = track.commanded
         seen["hand"] = self.task.arm.forward_kinematics(seen["joint_position"].copy()) - self.task.arm.base_array
