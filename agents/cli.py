@@ -79,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
-        import_module("planners.compile_cache").delete_temporary()
+        if (cache := sys.modules.get("planners.compile_cache")) is not None:  # unless it was just being imported
+            cache.delete_temporary()
         os._exit(code)
     return code
 

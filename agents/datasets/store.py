@@ -36,21 +36,27 @@ def minari() -> Any:
 
 
 def dataset_folder(dataset: str) -> Path:
-    """The folder of a dataset, by its id or by its path.
+    """The folder of a dataset to read, by its path or by its id; raises as `folder_of_id`."""
+    return Path(dataset) if Path(dataset).is_dir() else folder_of_id(dataset)
+
+
+def folder_of_id(dataset_id: str) -> Path:
+    """The folder below Minari's that an id stands for.
 
     Raises:
-        ValueError: if the name is not of the form ``(namespace/)name-v0``.
+        ValueError: if the id is not of the form ``(namespace/)name-v0``.
     """
-    if Path(dataset).is_dir():
-        return Path(dataset)
     from minari.dataset.minari_dataset import parse_dataset_id
     from minari.storage import get_dataset_path
 
     try:
-        parse_dataset_id(dataset)
-    except ValueError:
-        raise ValueError(f'dataset "{brief(dataset)}" is no folder and no id such as belt/dpct-v0') from None
-    return Path(get_dataset_path(dataset))
+        parse_dataset_id(dataset_id)
+    except (ValueError, TypeError):  # a TypeError for a name without a version
+        raise ValueError(
+            f"dataset {brief(dataset_id)} is no folder and no id such as belt/dpct-v0: letters, digits, - and _ with a "
+            "version at the end; a namespace has at least two characters"
+        ) from None
+    return Path(get_dataset_path(dataset_id))
 
 
 class Draft:
@@ -69,18 +75,13 @@ class Draft:
 
     def __init__(self, dataset_id: str, env: Any, *, overwrite: bool = False) -> None:
         minari()
-        from minari.dataset.minari_dataset import parse_dataset_id
         from minari.dataset.minari_storage import MinariStorage
-        from minari.namespace import create_namespace, list_local_namespaces
 
-        self.dataset_id, self.folder = dataset_id, dataset_folder(dataset_id)
-        namespace, _, _ = parse_dataset_id(dataset_id)
+        self.dataset_id, self.folder = dataset_id, folder_of_id(dataset_id)
         if (self.folder / "data").exists() and not overwrite:
             raise ValueError(
                 f"there is a dataset {dataset_id} in {self.folder}: give another id, or --overwrite (overwrite=True)"
             )
-        if namespace is not None and namespace not in list_local_namespaces():
-            create_namespace(namespace)
         root = self.folder.parents[len(Path(dataset_id).parts) - 1]
         root.mkdir(parents=True, exist_ok=True)
         _tidy(root)
@@ -102,10 +103,15 @@ class Draft:
         self._storage.update_episode_metadata(map(dict, details), range(first, first + len(episodes)))
 
     def finish(self, metadata: Mapping[str, Any]) -> Path:
-        """Make it a dataset, with metadata; its folder."""
+        """Make it a dataset, with metadata, and its namespace if that is new; the folder of the dataset."""
+        from minari.namespace import create_namespace, list_local_namespaces
+
         self._storage.update_metadata(
             {"dataset_id": self.dataset_id, "minari_version": minari().__version__, **metadata}
         )
+        namespace = self.dataset_id.rpartition("/")[0]
+        if namespace and namespace not in list_local_namespaces():
+            create_namespace(namespace)
         self.folder.mkdir(exist_ok=True)
         with suppress(FileNotFoundError):
             os.rename(self.folder / "data", self._draft / "replaced")

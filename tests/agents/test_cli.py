@@ -118,24 +118,6 @@ def test_an_interrupt_that_a_command_hands_on_keeps_its_exit_code(
     assert main(["rollout", "ConveyorTrack-v0"]) == code
 
 
-INTERRUPTED = """
-import signal, sys
-import agents.cli, agents.commands.rollout as rollout, planners.compile_cache as cache
-def run(options):
-    print(cache.temporary_folder("nothing is kept"), flush=True)
-    signal.raise_signal(signal.SIGTERM)
-rollout.run = run
-sys.argv = ["planarm", "rollout", "ConveyorTrack-v0"]
-sys.exit(agents.cli.main())
-"""
-
-
-def test_an_interrupted_command_leaves_no_temporary_folder() -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
-    assert done.returncode == 143
-    assert not Path(done.stdout.strip()).exists()
-
-
 def test_the_commands_own_exit_code_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
     monkeypatch.setattr(rollout, "run", lambda options: seen.append(options) or 7)

@@ -101,7 +101,7 @@ def test_an_interrupt_before_the_first_episode_leaves_nothing(root: Path, monkey
 
     monkeypatch.setattr("agents.datasets.record.play", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        record_dataset("none-v0", BELT, ["random"], 10)
+        record_dataset("belt/none-v0", BELT, ["random"], 10)
     assert list(root.iterdir()) == []
 
 
@@ -120,6 +120,18 @@ def test_a_dataset_is_replaced_only_if_asked_to() -> None:
     assert minari.load_dataset("same-v0").total_episodes == 3
 
 
+def test_a_folder_with_the_name_of_a_new_dataset_is_left_alone(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a run: a path is a dataset to read, and never one to write."""
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "belt" / "random-v0" / "data" / "mine"
+    mine.mkdir(parents=True)
+    record_dataset("belt/random-v0", BELT, ["random"], 1, overwrite=True)
+    assert mine.is_dir()
+    assert (root / "belt" / "random-v0" / "data").is_dir()
+
+
 def test_only_successes() -> None:
     recording = record_dataset("good-v0", "ObstacleDodge-v0", ["follower"], 8, only_successes=True)
     (recorded,) = recording.policies
@@ -132,8 +144,9 @@ def test_only_successes() -> None:
 def test_the_command_prints_how_to_load_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dataset", BELT, "--policies", "random", "--episodes", "2", "--out", "belt/random-v0"]) == 0
     assert 'minari.load_dataset("belt/random-v0")' in capsys.readouterr().out
-    assert main(["dataset", BELT, "--out", "no version"]) == 2
-    assert "no id such as belt/dpct-v0" in capsys.readouterr().err
+    for wrong in ("no version", "belt", "belt/random", "b/random-v0", "../random-v0", ""):
+        assert main(["dataset", BELT, "--out", wrong]) == 2
+        assert "no id such as belt/dpct-v0" in capsys.readouterr().err
     assert main(["dataset", BELT, "--policies", "agent", "dpct", "--out", "two-v0"]) == 2
     assert "give the same settings" in capsys.readouterr().err
 
