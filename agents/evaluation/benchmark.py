@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import envs
 from agents.compile_ahead import CompileAhead, Job
-from agents.environments import check_names, make_batch, task_type
+from agents.environments import check_names, make_batch, make_one, task_type
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, BenchmarkTask
 from agents.evaluation.evaluate import Progress, evaluate
 from agents.evaluation.leaderboard import TaskResult
@@ -97,25 +97,34 @@ class Benchmark:
             for each in self._named[key]
         ]
 
-    def check(self) -> None:
+    def check(self, *, replays: bool = False) -> None:
         """Make every environment and policy once, so that errors come before the first episode.
 
-        Those of the shipped configuration are known to work, and compiled later.
+        Those of the shipped configuration are known to work, and compiled later. With ``replays`` policies also act in
+        a single environment, as they will for these.
         """
         shipped = [_starts(task) for task in load_config(SHIPPED_CONFIG, BenchmarkConfig).tasks]
         for task in self.config.tasks:
             envs.task_card(task.env)
             check_names(task.env, task.env_config, task.options)
             known = _starts(task) in shipped
+            recorded = replays and self.config.replays > 0 and task_type(task.env) is not None
             for named in self.policies(task):
-                settings = named.settings(task.env_config)
                 if known and self._comes_with_planarm(task, named):
                     continue
-                with closing(make_batch(task.env, 1, settings)) as env:
-                    observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
-                    actor = Actor(named.policy, env, named.name)
-                    if not named.is_expert:
-                        actor.act(observation, None, np.ones(1, dtype=bool))
+                self._act_once(task, named, single=False)
+                if recorded and not named.is_expert:
+                    self._act_once(task, named, single=True)
+
+    def _act_once(self, task: BenchmarkTask, named: NamedPolicy, *, single: bool) -> None:
+        """Make the environment and the policy, and let it act unless it is an expert; raises what is wrong."""
+        settings = named.settings(task.env_config)
+        env: Any = make_one(task.env, settings) if single else make_batch(task.env, 1, settings)
+        with closing(env):
+            observation, _ = env.reset(seed=self.config.seed, options=dict(task.options))
+            actor = Actor(named.policy, env, named.name)
+            if not named.is_expert:
+                actor.act(observation[None] if single else observation, None, np.ones(1, dtype=bool))
 
     def jobs(self, progress: Progress) -> list[Job]:
         """A little of everything, so that no timing includes compilation; a group a task.

@@ -24,7 +24,9 @@ def play(
 
     ``observe`` is called after the reset and after every step with the steps so far and whether the episode has ended.
     """
-    actor = Actor(policy, env, policy if isinstance(policy, str) else type(policy).__name__)
+    actor = Actor(
+        policy, env, policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
+    )
     observation, info = env.reset(seed=seed, options=reset_options)
     state, begins, steps, total, ended = None, np.ones(1, dtype=bool), 0, 0.0, False
     observe(steps, ended)

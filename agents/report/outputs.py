@@ -45,16 +45,22 @@ class ScoreOutputs:
 def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs, opening: str = "") -> int:
     """Run a benchmark with a progress bar, print the tables of each task when it is finished, write files.
 
-    ``opening`` is a line above the first table.
+    ``opening`` is a line above the first table. What fails on the way is raised when all that was finished before is
+    printed and written.
 
     Returns:
         The exit code.
     """
     started, board = datetime.now(UTC), benchmark.board
-    tables = _Tables(outputs, opening)
-    code = run_with_bar(benchmark, tables.show, record=outputs.json is not None or outputs.report is not None)
-    if code:
-        note("interrupted: this is all that was finished", "yellow")
+    tables, failure, code = _Tables(outputs, opening), None, 0
+    try:
+        code = run_with_bar(benchmark, tables.show, record=outputs.json is not None or outputs.report is not None)
+    except Exception as error:
+        if tables.error is not None or not board.evaluations:
+            raise
+        failure = error
+    if code or failure is not None:
+        note(f"{'interrupted' if code else 'failed'}: this is all that was finished", "yellow")
     for result in board.results:
         tables.show(result)
     origin = {"command": shlex.join(["planarm", *sys.argv[1:]]), "started": started.isoformat("T", "seconds")}
@@ -69,6 +75,8 @@ def run_and_print(benchmark: Benchmark, outputs: ScoreOutputs, opening: str = ""
         raise tables.error
     if outputs.format == "csv":
         print(board.csv(), end="")
+    if failure is not None:
+        raise failure
     return code
 
 
@@ -133,7 +141,7 @@ def run_with_bar(benchmark: Benchmark, show: Callable[[TaskResult], object], *, 
             show(result)
             bar.start()
 
-        benchmark.check()
+        benchmark.check(replays=record)
         jobs = benchmark.jobs(check) if benchmark.workers is None else []  # workers compile what they need
         with CompileAhead(jobs, COMPILING.advance) as ahead:
             benchmark.fill(begin, advance, print_tables, ahead)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.cli import main
 from agents.commands.benchmark import BenchmarkOptions, run
 from agents.evaluation import benchmark
 from envs.best_known import best_known, load, lower_bound
@@ -181,6 +182,46 @@ def test_ctrl_c_keeps_what_is_finished(
     content = document(path)
     assert content["complete"] is False
     assert [policy["policy"] for policy in content["results"][0]["policies"]] == ["dpct"]
+
+
+FAILING = """
+import numpy as np
+
+class Fails:  # in the middle of the benchmark
+    resets = 0
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        Fails.resets += int(episode_start.any())
+        return np.full((len(observation), 3), 0.1 if Fails.resets < 6 else np.nan), None
+
+class Single:  # in a single environment
+    def __init__(self, env):
+        self.shape = env.action_space.shape
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        return np.zeros(self.shape), None
+"""
+
+
+def test_a_policy_that_fails_takes_nothing_with_it_that_is_finished(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "failing.py").write_text(FAILING)
+    one = ["benchmark", "--tasks", "MinTorqueMove-v0", "--episodes", "4", "--bound-episodes", "0", "--num-envs", "1"]
+    assert main([*one, "--policies", "random", "failing:Fails", "--json", "kept.json"]) == 2
+    captured = capsys.readouterr()
+    assert "failed: this is all that was finished" in captured.err
+    assert "planarm benchmark: Fails gave the action [nan, nan, nan] in environment 0" in captured.err
+    assert "|random" in captured.out
+    (task,) = document(tmp_path / "kept.json")["results"]
+    assert [policy["policy"] for policy in task["policies"]] == ["random"]
+    assert document(tmp_path / "kept.json")["complete"] is False
+
+    assert main([*one, "--policies", "random", "failing:Single", "--json", "none.json"]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, (tmp_path / "none.json").exists()) == ("", False)
+    assert "Single gave actions of shape (3,); expected (1, 3)" in captured.err
+    assert main([*one, "--policies", "random", "failing:Single"]) == 0  # without replays nothing needs that
 
 
 def test_ctrl_c_that_a_callback_swallows_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
