@@ -167,10 +167,13 @@ def test_rllib(mode: str) -> None:
             .training(train_batch_size_per_learner=120, minibatch_size=60, num_epochs=1)
         )
         algorithm = config.build_algo()
-        result = algorithm.train()
+        results = [algorithm.train() for _ in range(3)]
         episodes = algorithm.env_runner.sample(num_episodes=2 * N, random_actions=True)
         algorithm.stop()
-    assert result["env_runners"]["episode_len_mean"] == 12
+    assert [result["training_iteration"] for result in results] == [1, 2, 3]
+    # of an episode that spans two iterations RLlib counts 13, of any environment
+    assert [result["env_runners"]["episode_len_min"] for result in results] == [12, 12, 12]
+    assert results[0]["env_runners"]["episode_len_mean"] == 12
     task: Any = gym.make(ENV_ID).unwrapped.task  # type: ignore[attr-defined]
     for episode in episodes:
         seen, actions = episode.get_observations(), episode.get_actions()
@@ -263,4 +266,4 @@ def test_a_snippet_of_the_page_on_clients(client: str, code: str, tmp_path: Path
     modules = {"RLlib": "ray.rllib", "TorchRL": "torchrl", "Minari": "h5py", "Stable": "stable_baselines3"}
     modules |= {"SAC": "stable_baselines3", "A": "torch"}
     pytest.importorskip(modules.get(client, "gymnasium"))
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=240)
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
