@@ -9,6 +9,8 @@ Where the acceleration jumps there are two samples at the same time, before and 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -42,16 +44,39 @@ def quintic_between(
 
 
 @private
-def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
-    """Largest |jerk| of the quintic between two samples: at an end, or where the parabola that it is turns."""
+def jerk_parabola(
+    h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
+) -> tuple[float, float, float]:
+    """Coefficients of the jerk of the quintic between two samples, times ``h^3``, in powers of the share of ``h``."""
     rest, dv, da = q1 - q0 - h * (qd0 + h * qdd0 / 2.0), h * (qd1 - qd0 - h * qdd0), h * h * (qdd1 - qdd0)
     first = 60.0 * rest - 24.0 * dv + 3.0 * da
     slope = -360.0 * rest + 168.0 * dv - 24.0 * da
     bend = 360.0 * rest - 180.0 * dv + 30.0 * da
+    return first, slope, bend
+
+
+@private
+def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
+    """Largest |jerk| of the quintic between two samples: at an end, or where the parabola that it is turns."""
+    first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
     most = max(abs(first), abs(first + slope + bend))
     if 0.0 < -slope * bend < 2.0 * bend * bend:
         most = max(most, abs(first - slope * slope / (4.0 * bend)))
     return float(most / h**3)
+
+
+@private
+def overshoot(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
+    """How far the acceleration of the quintic between two samples leaves the range that `between` keeps it in."""
+    first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
+    square, excess = slope * slope - 4.0 * bend * first, 0.0
+    if square > 0.0 and bend != 0.0:
+        for side in (-1.0, 1.0):
+            s = (side * math.sqrt(square) - slope) / (2.0 * bend)
+            if 0.0 < s < 1.0:
+                turn = quintic_between(s, h, q0, qd0, qdd0, q1, qd1, qdd1)[2]
+                excess = max(excess, turn - max(qdd0, qdd1), min(qdd0, qdd1) - turn)
+    return excess
 
 
 @njit(cache=True, nogil=True)
@@ -64,6 +89,15 @@ def between(
     qd = min(max(qd, min(qd0, qd1)), max(qd0, qd1))
     qdd = min(max(qdd, min(qdd0, qdd1)), max(qdd0, qdd1))
     return q, qd, qdd
+
+
+@private
+def between_samples(s: float, h: float, i: int, q: Array, qd: Array, qdd: Array, point: Array) -> None:
+    """Angles, velocities and accelerations at a share ``s`` of interval ``i``, written to ``point``, ``(3, n)``."""
+    for j in range(q.shape[1]):
+        point[0, j], point[1, j], point[2, j] = between(
+            s, h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
+        )
 
 
 @njit(cache=True, nogil=True)

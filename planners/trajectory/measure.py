@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 
 from planners.compiled.calls import private
 from planners.problem import MotionProblem
-from planners.robot.clearance import clearance_single
-from planners.robot.dynamics import inverse_dynamics_single
+from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory.interpolate import between, peak_jerk
+from planners.trajectory.interpolate import between_samples, overshoot, peak_jerk
+from planners.trajectory.least_clearance import least_clearance
 from planners.typing import Array
 
 PARTS, MIDDLE_FIRST = 4, (2, 1, 3)
@@ -29,11 +28,11 @@ JUMP = 1e-9
 ROUNDING = 1e-13
 """Difference of two accelerations at different times, relative to the largest, that is rounding."""
 
-BLUR, DEPTH, SECTIONS = 2e-6, 24, 25
-"""Error of the least clearance, m, most halvings of an interval in search of it, and thirds cut off in the end."""
+BLURRED = 1e-8
+"""Rounding of an acceleration between two samples, relative to the largest, above which torques count as blurred."""
 
-MOST_GAPS = 100
-"""Gaps that are looked at in search of the least clearance, for each sample and disc; joints that spin would take more.
+CUT = 3.2
+"""Error of the polynomial (`HALFWAY`), as a multiple of what is cut off: 1 + the sum of the magnitudes of its weights.
 """
 
 TORQUE, VELOCITY, ACCELERATION, JERK, ANGLE = range(5)
@@ -75,7 +74,7 @@ def measure(problem: MotionProblem, t: Array, q: Array, qd: Array, qdd: Array, t
     ).reshape(-1, 5)
     body = arm.length_array, arm.base_array, arm.link_radius, *arm.chain_constants
     ratios, joints, times = _loads(t, q, qd, qdd, tau, table, limits.angle_middle, *arm.chain_constants)
-    clearance, when = _clearance(t, q, qd, qdd, discs, *body[:3]) if len(discs) else (np.inf, 0.0)
+    clearance, when = least_clearance(t, q, qd, qdd, discs, *body[:3]) if len(discs) else (np.inf, 0.0)
     return Measure(ratios, joints, times, clearance, when, _gap(t, q, qd, qdd))
 
 
@@ -119,16 +118,18 @@ def _loads(
     if not (torques or jerks):
         return ratios, joints, times
     point, inner, fine = np.empty((3, n)), np.empty((PARTS + 1, n)), np.empty(2 * PARTS + 1)
+    blur, mass = np.empty(n), np.empty((n, n))
     for i in range(samples - 1):
         h = t[i + 1] - t[i]
         if torques and h > 0.0:
             for j in range(n):
                 inner[0, j], inner[PARTS, j] = tau[i, j], tau[i + 1, j]
+            blurred = _torque_blur(t[i + 1], h, i, q, qd, qdd, rounding, coupling, mass, blur)
             doubtful = True
             for k in MIDDLE_FIRST:
                 if doubtful:
                     _torque(k / PARTS, h, i, q, qd, qdd, coupling, weight, point, inner[k])
-                    doubtful = k != PARTS // 2 or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
+                    doubtful = k != PARTS // 2 or blurred or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
             if doubtful:
                 for j in range(n):
                     for k in range(PARTS):
@@ -136,7 +137,7 @@ def _loads(
                     fine[2 * PARTS] = inner[PARTS, j]
                     for k in range(1, 2 * PARTS):  # the peak of a parabola through three neighbours
                         peak = fine[k] + _rise(fine[k - 1], fine[k], fine[k + 1])
-                        load = max(abs(peak), abs(fine[k])) / limits[TORQUE, j]
+                        load = (max(abs(peak), abs(fine[k])) + blur[j]) / limits[TORQUE, j]
                         _raise(ratios, joints, times, TORQUE, j, t[i] + 0.5 * k / PARTS * h, load)
         if jerks:
             for j in range(n):
@@ -160,8 +161,41 @@ def _torque(
     tau: Array,
 ) -> None:
     """Torques at a share ``s`` of interval ``i``, written to ``tau``; ``point`` is scratch, ``(3, n)``."""
-    _between_samples(s, h, i, q, qd, qdd, point)
+    between_samples(s, h, i, q, qd, qdd, point)
     inverse_dynamics_single(coupling, weight, point[0], point[1], point[2], tau)
+
+
+@private
+def _torque_blur(
+    end: float,
+    h: float,
+    i: int,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    rounding: float,
+    coupling: Array,
+    mass: Array,
+    blur: Array,
+) -> bool:
+    """Whether samples are so close that rounding of the angles turns accelerations and torques between them.
+
+    How far the torques of interval ``i``, which ends at a time, may then lie from the polynomial through five of them,
+    because accelerations are cut off where they turn, is written to ``blur``, ``(n,)``.
+    """
+    n, blurred, least = q.shape[1], False, BLURRED / ROUNDING * rounding
+    for j in range(n):
+        blur[j] = 0.0
+    for j in range(n):
+        if _rounding_of_bends(end, h, i, j, q, qd) > least:
+            if not blurred:
+                mass_matrix_single(coupling, q[i], mass)
+            blurred = True
+            cut = CUT * overshoot(h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])
+            cut = min(cut, abs(qdd[i + 1, j] - qdd[i, j]))
+            for k in range(n):
+                blur[k] += abs(mass[k, j]) * cut
+    return blurred
 
 
 @private
@@ -190,117 +224,16 @@ def _jerk(end: float, h: float, i: int, j: int, q: Array, qd: Array, qdd: Array,
     change = abs(qdd[i + 1, j] - qdd[i, j])
     if h <= 0.0:
         return np.inf if change > JUMP / ROUNDING * rounding else 0.0
-    # rounding of the angles and of the times, which an interpolation divides by the square of the interval
-    size = abs(q[i, j]) + abs(q[i + 1, j]) + end * (abs(qd[i, j]) + abs(qd[i + 1, j]))
-    blur = rounding + 60.0 * 2.2e-16 * size / (h * h)
+    blur = rounding + _rounding_of_bends(end, h, i, j, q, qd)
     most = peak_jerk(h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j])
     return float(max(max(0.0, change - rounding) / h, most - PARTS * blur / h))
 
 
-@njit(cache=True, nogil=True)
-def _clearance(
-    t: Array, q: Array, qd: Array, qdd: Array, discs: Array, lengths: Array, base: Array, link_radius: float
-) -> tuple[float, float]:
-    """Least clearance from a disc, and its time.
-
-    A gap changes by no more than the disc and the arm move. An interval is halved until this leaves no room for a gap
-    that is smaller than the least so far, but for `BLUR`, or until none can be there because the arm does not reach so
-    far, and no surfaces are closer than their axes; around the least of all a search finds the minimum.
-    """
-    n, left = q.shape[1], MOST_GAPS * (1000 + t.shape[0] * discs.shape[0])
-    outward = np.empty(n)
-    for j in range(n - 1, -1, -1):
-        outward[j] = lengths[j] + (outward[j + 1] if j < n - 1 else 0.0)
-    least, when, row, width, closest = np.inf, 0.0, 0, 0.0, discs[0]
-    begins, gaps, parts = np.empty(DEPTH + 2), np.empty(DEPTH + 2), np.empty(DEPTH + 2)
-    point = np.empty((3, n))
-    for number in range(discs.shape[0]):
-        disc = discs[number]
-        last = clearance_single(lengths, base, link_radius, q[0], disc[0], disc[1], disc[4])
-        if last < least:
-            least, when, row, width, closest = last, 0.0, 0, 0.0, disc
-        for i in range(t.shape[0] - 1):
-            h = t[i + 1] - t[i]
-            if h <= 0.0:
-                continue
-            speed = math.hypot(disc[2], disc[3])
-            steepness = speed
-            for j in range(n):
-                steepness += outward[j] * max(abs(qd[i, j]), abs(qd[i + 1, j]))
-            # a stack of parts of the interval: where each begins, its share of the interval, and the gap at its end
-            before = last
-            last = _gap_at(1.0, h, i, t, q, qd, qdd, disc, lengths, base, link_radius, point)
-            begins[0], parts[0], gaps[0] = 0.0, 1.0, last
-            size = 1
-            while size > 0:
-                begin, part, after = begins[size - 1], parts[size - 1], gaps[size - 1]
-                if after < least:
-                    least, when, row, width, closest = after, t[i] + (begin + part) * h, i, part, disc
-                half_time = t[i] + (begin + 0.5 * part) * h
-                x, y = disc[0] + half_time * disc[2] - base[0], disc[1] + half_time * disc[3] - base[1]
-                beyond = max(0.0, math.hypot(x, y) - 0.5 * speed * part * h - outward[0])
-                room = max(0.5 * (before + after - steepness * part * h), beyond - link_radius - disc[4])
-                enough = room >= least - max(BLUR, 1e-3 * abs(least))
-                if enough or size > DEPTH or left == 0:
-                    if left == 0 and not enough:
-                        least, when, row, width, closest = room, half_time, i, part, disc
-                    before = after
-                    size -= 1
-                    continue
-                left -= 1
-                half = 0.5 * part
-                gap = _gap_at(begin + half, h, i, t, q, qd, qdd, disc, lengths, base, link_radius, point)
-                begins[size - 1], parts[size - 1] = begin + half, half
-                begins[size], parts[size], gaps[size] = begin, half, gap
-                size += 1
-    for i in range(max(0, row - 1), min(row + 2, t.shape[0] - 1)):
-        h = t[i + 1] - t[i]
-        if h <= 0.0:
-            continue
-        reach = max(width, BLUR) * (t[row + 1] - t[row]) / h
-        low, high = min(1.0, max(0.0, (when - t[i]) / h - reach)), min(1.0, max(0.0, (when - t[i]) / h + reach))
-        for _ in range(SECTIONS):
-            a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
-            at_a = _gap_at(a, h, i, t, q, qd, qdd, closest, lengths, base, link_radius, point)
-            at_b = _gap_at(b, h, i, t, q, qd, qdd, closest, lengths, base, link_radius, point)
-            if at_a < at_b:
-                high = b
-            else:
-                low = a
-            if min(at_a, at_b) < least:
-                least, when = min(at_a, at_b), t[i] + (a if at_a < at_b else b) * h
-    return least, when
-
-
 @private
-def _gap_at(
-    s: float,
-    h: float,
-    i: int,
-    t: Array,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    disc: Array,
-    lengths: Array,
-    base: Array,
-    link_radius: float,
-    point: Array,
-) -> float:
-    """Distance from a disc at a share ``s`` of interval ``i``; ``point`` is scratch, ``(3, n)``."""
-    _between_samples(s, h, i, q, qd, qdd, point)
-    time = t[i] + s * h
-    x, y = disc[0] + time * disc[2], disc[1] + time * disc[3]
-    return float(clearance_single(lengths, base, link_radius, point[0], x, y, disc[4]))
-
-
-@private
-def _between_samples(s: float, h: float, i: int, q: Array, qd: Array, qdd: Array, point: Array) -> None:
-    """Angles, velocities and accelerations at a share ``s`` of interval ``i``, written to ``point``, ``(3, n)``."""
-    for j in range(q.shape[1]):
-        point[0, j], point[1, j], point[2, j] = between(
-            s, h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
-        )
+def _rounding_of_bends(end: float, h: float, i: int, j: int, q: Array, qd: Array) -> float:
+    """Rounding of the angles and of the times, which an interpolation divides by the square of the interval."""
+    size = abs(q[i, j]) + abs(q[i + 1, j]) + end * (abs(qd[i, j]) + abs(qd[i + 1, j]))
+    return float(60.0 * 2.2e-16 * size / (h * h))
 
 
 @private
