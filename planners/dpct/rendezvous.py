@@ -66,7 +66,7 @@ def tracking_problem(line: Line, durations: Array, free_acceleration: bool, allo
     margin = 0.5 * spread + 0.1 * (line.arm.reach if line.moving else line.unit)
     low, high = max(line.low, float(places.min()) - margin), min(line.high, float(places.max()) + margin)
     table = tabulate(line.path, line.arm, low, high)
-    forced_back = line.start[1] < -1e-6 or (line.start[2] < -1e-6 and not free_acceleration) or speeds.min() < -1e-6
+    forced_back = line.start[1] < -1e-6 or (line.start[2] < -1e-6 and not free_acceleration) or speeds.min() < 0.0
     return Tracking(
         target=line.target,
         start=line.start,
