@@ -27,6 +27,13 @@ def is_number(value: Any) -> bool:
     return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 
 
+def rounded_up(value: float) -> float:
+    """A positive number rounded to four digits, never down: for messages that say how much is enough."""
+    shown = float(f"{value:.3e}")
+    digit = 10.0 ** (math.floor(math.log10(value)) - 3)
+    return shown if shown >= value else float(f"{shown + digit:.3e}")
+
+
 def float_array(name: str, given: Any) -> NDArray[np.float64]:
     """A new array of floats, of a number or of numbers in any nesting; ValueError for text, truth values and others."""
     try:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from planners.checks import rounded_up
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory
@@ -89,7 +90,7 @@ def require_solved(name: str, problem: MotionProblem, trajectory: Trajectory, pr
         raise Infeasible("late", message, speed=speed)
     # Last, so that a motion which has to be refused with more time too is not said to need more.
     if not arrival <= problem.horizon * (1.0 + 1e-9):
-        raise _late(f"the motion of {name} arrives at {arrival:.4g} s", problem.horizon, arrival)
+        raise _late(f"the motion of {name} arrives at {rounded_up(arrival):.4g} s", problem.horizon, arrival)
 
 
 def _late(motion: str, horizon: float, arrival: float) -> Infeasible:

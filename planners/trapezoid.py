@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
-from planners.checks import require_choice
+from planners.checks import require_choice, rounded_up
 from planners.goals import goal_postures
 from planners.motion.time_laws import trapezoid, trapezoid_share
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
@@ -76,7 +76,7 @@ def plan(problem: MotionProblem, *, contact: Contact = "refuse") -> Trajectory:
         share *= BACK_OFF / excess
     if motion.duration > problem.horizon:
         require_within_limits("trapezoid", motion)  # where weight alone exceeds a limit, no time is enough
-        message = f"the straight move takes {motion.duration:.4g} s; allow that much"
+        message = f"the straight move takes {rounded_up(motion.duration):.4g} s; allow that much"
         raise Infeasible("late", message, minimum_time=motion.duration)
     return motion
 

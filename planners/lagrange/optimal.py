@@ -14,21 +14,22 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple, get_args
 
 import numpy as np
 
 from planners.capabilities import Takes, variant
-from planners.checks import require_choice
+from planners.checks import require_choice, rounded_up
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.joint_move import Curve, JointMove, Objective, torque_rate
-from planners.lagrange.least_time import holdable, joint_time, late, too_late
-from planners.lagrange.multistart import Fit, least_torque
 from planners.lagrange.rendezvous import Ride, earliest, find_rides
+from planners.lagrange.search.least_time import BESIDE, holdable, joint_time, late, too_late
+from planners.lagrange.search.multistart import any_motion, direct_motion, least_torque
+from planners.lagrange.search.refinement import Fit
 from planners.lagrange.transcription import Ends
 from planners.motion.line_motion import Motion, sample_ride, to_trajectory
 from planners.problem import Infeasible, MotionProblem, MovingHand, limit_broken
+from planners.promises import require_within_limits
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -54,7 +55,7 @@ _PLANNER = "lagrange (optimal)"
 
 
 class Settings(NamedTuple):
-    """Options of a plan, checked; see `plan_optimal`."""
+    """Options of a plan, checked; see `plan_optimal`. In a ``hurry`` any motion will do."""
 
     objective: Objective
     degree: int
@@ -63,6 +64,7 @@ class Settings(NamedTuple):
     rendezvous_time: float | None
     guess: Curve | None
     explain: bool
+    hurry: bool = False
 
 
 @variant(
@@ -144,8 +146,9 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
         _require_within_limits(moves[0], 1, "limits", 1.0)
     fit = _best_fit(moves, settings) if min(map(joint_time, moves)) <= problem.horizon else None
     if fit is None:
-        search = partial(least_torque, objective=settings.objective, degree=settings.degree)
-        raise late(moves, search) if settings.explain else too_late(problem.horizon, math.inf)
+        if settings.explain:
+            raise late(moves, settings.objective, settings.guess)
+        raise too_late(problem.horizon, math.inf)
     t, q, _, qd, qdd, _ = _sample(fit)
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)
     return _with_cost(trajectory, settings)
@@ -200,15 +203,20 @@ def _enough(problem: MotionProblem, move: JointMove, rides: Sequence[Ride], sett
     soonest = earliest(rides, move, horizon, horizon) if settings.explain else math.inf
     if math.isinf(soonest) or (soonest <= horizon and given is None):
         return math.inf
-    free = settings._replace(rendezvous_time=None, explain=False)
-    for longer in [horizon] if soonest <= horizon else [factor * soonest for factor in LONGER]:
+    free = settings._replace(rendezvous_time=None, explain=False, hurry=True)
+    for longer in [horizon] if soonest <= horizon else [rounded_up(factor * soonest) for factor in LONGER]:
         with suppress(Infeasible):
-            found = _plan_rendezvous(replace(problem, horizon=longer), move, free)
-            return found.rendezvous_time if longer == horizon else longer
+            motions = [_plan_rendezvous(replace(problem, horizon=share * longer), move, free) for share in BESIDE]
+            for motion in motions:
+                require_within_limits(_PLANNER, motion)
+            return motions[0].rendezvous_time if longer == horizon else longer
     return math.inf
 
 
 def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
+    if settings.hurry:
+        direct = direct_motion(moves, settings.objective)
+        return direct or any_motion(moves, settings.objective, settings.guess)
     return least_torque(moves, settings.objective, settings.degree, settings.guess, polish=settings.polish)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from planners.goals import ORIENTATIONS, Elbow, on_branch
 from planners.lagrange.joint_move import JointMove
-from planners.lagrange.multistart import reaches
+from planners.lagrange.search.multistart import reaches
 from planners.motion.line import Line, reduce_to_line
 from planners.motion.line_motion import joint_motion
 from planners.motion.rides import Window, ride_windows

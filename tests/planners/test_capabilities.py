@@ -63,6 +63,9 @@ def test_a_share_of_the_campaign_finds_no_broken_promise(label: str) -> None:
         ("dpct/torque", 7, 13684),
         ("apf/field", 7, 9000),
         ("apf/field", 7, 64557),  # a moving target is met within 1 mm at the samples, and not between them
+        ("lagrange/optimal", 7, 105),  # late, and with a thousandth more than the time named too
+        ("lagrange/optimal", 7, 438),  # the time named led to a motion with a jump
+        ("lagrange/optimal", 7, 267),  # rounding of the angles turns torques between two samples
         ("trapezoid", 11, 50),  # late, and leaves a joint's range while it brakes
     ],
 )

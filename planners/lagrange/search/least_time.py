@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from planners.lagrange.joint_move import Curve, JointMove
-from planners.lagrange.multistart import Fit, reaches
+from planners.checks import rounded_up
+from planners.lagrange.joint_move import Curve, JointMove, Objective
+from planners.lagrange.search.multistart import any_motion, direct_motion, reaches
 from planners.motion.double_integrator import rest_time
 from planners.problem import Infeasible
 from planners.typing import Array
@@ -20,8 +21,14 @@ PRECISION = 0.01
 LONGER = (1.0, 1.1, 1.5, 3.0)
 """Times that are tried for a plan from where a quick probe finds a motion, as multiples of that time."""
 
-SHORTER, ROUNDS = 0.97, 3
-"""Factor on a time that is worth another plan, and the largest number of rounds of up to three shorter times."""
+EARLIER, HALVINGS = 0.3, 8
+"""Least time that is tried, as a share of that of the quick probe, and halvings of the range of times above it."""
+
+SEARCHES = 24
+"""Searches from many starts, times the number of links, to which the time of a search is about proportional."""
+
+BESIDE = (1.0, 1.001)
+"""Multiples of a time in which motions must be found for it to be named: searches fail by chance."""
 
 SLOWER = (1.02, 1.5, 3.0, 10.0, 30.0)
 """Times that are probed, as multiples of the time in which the quintic to rest keeps the limits."""
@@ -31,9 +38,6 @@ HELD = 0.99
 time of single joints that is within rounding."""
 
 WAY_SHARES = np.linspace(0.0, 1.0, 21)
-
-Search = Callable[..., Fit | None]
-"""A plan for alternative moves, from a ``guess`` too, or None."""
 
 
 def joint_time(move: JointMove) -> float:
@@ -49,32 +53,35 @@ def joint_time(move: JointMove) -> float:
     return HELD * least
 
 
-def late(moves: Sequence[JointMove], search: Search) -> Infeasible:
+def late(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) -> Infeasible:
     """Why a fixed target is not reached in time: the least feasible time of any of the moves, if one is found."""
     horizon = moves[0].duration
     weak = _too_weak_on_the_way(moves)
     bracket = _bracket(moves, max(horizon, min(map(joint_time, moves))))
     if bracket is None:
         return weak or Infeasible("limits", f"no motion within the limits found, whether in {horizon:.4g} s or more")
-    move, low, high = bracket
-    high = _least(move, low, high, None)
+    move, high = bracket[0], _least(*bracket)
+    searches = iter(range(SEARCHES // move.arm.n_joints))
 
-    def planned(duration: float) -> Fit | None:
-        return search([replace(other, duration=duration) for other in moves])
+    def found(time: float, *, surely: bool = False) -> bool:
+        if direct_motion([replace(move, duration=time)], objective) is not None:
+            return True
+        if next(searches, None) is None and not surely:
+            return False
+        return any_motion([replace(other, duration=time) for other in moves], objective, guess) is not None
 
-    enough, fit = _first(planned, [factor * high for factor in LONGER])
-    if fit is None:
+    enough = next((time for factor in LONGER if found(time := rounded_up(factor * high))), None)
+    if enough is None:
         return weak or too_late(horizon, math.inf)
-    for _ in range(ROUNDS):  # from the plan itself the probe may find faster ones
-        soon = _least(fit.minimum.move, low, enough, fit.curve)
-        times = [
-            time for time in (soon, math.sqrt(soon * enough), SHORTER * enough) if horizon < time <= SHORTER * enough
-        ]
-        sooner, found = _first(planned, times)
-        if found is None:
-            break
-        enough, fit = sooner, found
-    return too_late(horizon, enough)
+    low, falling = max(horizon, EARLIER * high), [enough]
+    for _ in range(HALVINGS):
+        middle = rounded_up(math.sqrt(low * falling[-1]))
+        if low < middle < falling[-1] and found(middle):
+            falling.append(middle)
+        else:
+            low = middle
+    sure = (time for time in reversed(falling) if found(BESIDE[1] * time, surely=True))
+    return too_late(horizon, next(sure, math.inf))
 
 
 def too_late(time: float, minimum: float) -> Infeasible:
@@ -82,20 +89,14 @@ def too_late(time: float, minimum: float) -> Infeasible:
     message = f"no motion within the limits takes only {time:.4g} s"
     if math.isinf(minimum):
         return Infeasible("late", f"{message}; allow more", time=time)
-    return Infeasible("late", f"{message}; allow at least {minimum:.4g} s", time=time, minimum_time=minimum)
+    return Infeasible("late", f"{message}; allow at least {rounded_up(minimum):.4g} s", time=time, minimum_time=minimum)
 
 
-def _first(planned: Callable[[float], Fit | None], times: Sequence[float]) -> tuple[float, Fit | None]:
-    """The first of the times with a plan, s, and the plan."""
-    fits = ((time, planned(time)) for time in times)
-    return next(((time, fit) for time, fit in fits if fit is not None), (math.inf, None))
-
-
-def _least(move: JointMove, low: float, high: float, curve: Curve | None) -> float:
-    """The least time from ``low`` to ``high``, s, for which a quick probe from a curve finds a motion, by bisection."""
+def _least(move: JointMove, low: float, high: float) -> float:
+    """The least time from ``low`` to ``high``, s, for which a quick probe finds a motion, by bisection."""
     while high - low > PRECISION * high:
         middle = math.sqrt(low * high)
-        low, high = (low, middle) if reaches(replace(move, duration=middle), curve) else (middle, high)
+        low, high = (low, middle) if reaches(replace(move, duration=middle)) else (middle, high)
     return high
 
 

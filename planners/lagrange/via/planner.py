@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
-from planners.checks import LARGEST, require_choice
+from planners.checks import LARGEST, require_choice, rounded_up
 from planners.goals import Elbow, goal_postures
 from planners.lagrange.via.candidates import (
     DURATIONS,
@@ -218,7 +218,9 @@ def _late(problem: MotionProblem, soonest: float, enough: float | None) -> Infea
         message = f"the joints take {soonest:.4g} s at least, and the horizon is {problem.horizon:.4g} s"
     if enough is None:
         return Infeasible("late", f"{message}; allow more time, or raise the limits", at_least=soonest)
-    return Infeasible("late", f"{message}; {enough:.5g} s are enough", minimum_time=enough, at_least=soonest)
+    return Infeasible(
+        "late", f"{message}; {rounded_up(enough):.4g} s are enough", minimum_time=enough, at_least=soonest
+    )
 
 
 def _situation(problem: MotionProblem) -> Situation:
