@@ -14,7 +14,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import from_dtype, njit, typeof, types
 from numba.core import cgutils
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
 from numba.extending import intrinsic
 from numba.np.arrayobj import _empty_nd_impl
 
@@ -54,6 +57,32 @@ def dividing(function: Function) -> Function:
     return private(function, error_model="numpy")
 
 
+_register_pass: Any = register_pass
+
+
+@_register_pass(mutates_CFG=False, analysis_only=True)
+class _Translate(AnalysisPass):
+    """Translate a function into machine code, although it has no entry for Python."""
+
+    _name = "planarm_translate"
+
+    def __init__(self) -> None:
+        """Nothing to keep."""
+
+    def run_pass(self, state: Any) -> bool:
+        state.library.get_pointer_to_function(state.cr.fndesc.llvm_func_name)
+        return False
+
+
+class _KernelCompiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        builder: Any = DefaultPassBuilder
+        passes = builder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_Translate, NativeLowering)
+        passes.finalize()
+        return [passes]
+
+
 class Kernel:
     """A function that is compiled on its own, and called by compiled code through its address.
 
@@ -65,7 +94,7 @@ class Kernel:
     """
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
-        self._compiled: Any = private(function, **options)
+        self._compiled: Any = private(function, pipeline_class=_KernelCompiler, **options)
 
     def address(self, *arguments: Any) -> int:
         """The address, to call with such arguments: Numba types, the dtype of a record, or an array like the one given.

@@ -1,0 +1,80 @@
+"""What becomes machine code of its own, and what is only a part of its callers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import njit, types
+from numba.core.registry import cpu_target
+
+from planners.compiled.calls import Kernel, address_of, call_real, private
+from planners.compiled.linking import LinkedLibrary
+
+
+@private
+def _half(x: float) -> float:
+    if x < 0.0:
+        raise ValueError("negative")
+    return 0.5 * x
+
+
+@njit
+def _quarter(x: float) -> float:
+    return _half(_half(x))
+
+
+@njit
+def _called(address: int, x: float) -> float:
+    return call_real(address, x)
+
+
+def library(compiled: Any) -> Any:
+    return compiled.overloads[(types.float64,)].library
+
+
+def translated(compiled: Any) -> bool:
+    """Whether the engine that runs machine code knows a function."""
+    overload = compiled.overloads[(types.float64,)]
+    context: Any = cpu_target.target_context
+    return bool(context.codegen()._engine.is_symbol_defined(overload.fndesc.llvm_func_name))
+
+
+def test_a_function_without_an_entry_is_translated_as_a_part_of_its_callers() -> None:
+    assert _quarter(3.0) == 0.75
+    with pytest.raises(ValueError, match="negative"):
+        _quarter(-1.0)
+    assert isinstance(library(_half), LinkedLibrary)
+    assert library(_quarter)._translated
+    assert not library(_half)._translated
+    assert library(_half).serialize_using_object_code()[1] == "bitcode"
+    assert library(_quarter).serialize_using_object_code()[1] == "object"
+
+
+def test_an_address_is_one_of_machine_code() -> None:
+    @private
+    def third(x: float) -> float:
+        return x / 3.0
+
+    assert _called(address_of(third, types.float64), 1.5) == 0.5
+    assert translated(third)
+
+
+def test_a_kernel_is_translated_when_it_is_compiled() -> None:
+    """So that the cache keeps its machine code, and the second process does not translate it."""
+    kernel = Kernel(lambda x: 2.0 * x)
+    kernel._compiled.compile((types.float64,))
+    assert library(kernel._compiled)._translated
+
+
+def test_an_array_of_another_shape_is_refused() -> None:
+    @njit
+    def assign(target: Any, source: Any) -> None:
+        target[:] = source
+
+    target = np.zeros((2, 3))
+    assign(target, np.ones(3))
+    assert target.sum() == 6.0
+    with pytest.raises(ValueError, match="cannot assign slice from input of different shape"):
+        assign(target, np.ones(2))
