@@ -26,7 +26,8 @@ import traceback
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -139,8 +140,7 @@ def _next(key: str, entry: capabilities.Variant | None, options: Fuzz, record: R
     else:
         case = _case(generator, entry)
         began = time.process_time()
-        outcome, faults, result = _attempt(case, show=show)
-        spent = time.process_time() - began
+        outcome, faults, result, spent = _attempt(case, show=show)
         if number % AGAIN == 0:
             _attempt(_case(_generator(options.seed, "between", number), entry))
             if _attempt(case)[2] != result:
@@ -169,13 +169,13 @@ def _case(generator: np.random.Generator, entry: capabilities.Variant | None) ->
     return None, draw(generator, promising[int(generator.integers(0, len(promising)))]), {}
 
 
-def _attempt(case: Case, *, show: bool = False) -> tuple[str, list[str], bytes]:
-    """Plan and check one problem: what became of it, the faults, and a digest of the result."""
+def _attempt(case: Case, *, show: bool = False) -> tuple[str, list[str], bytes, float]:
+    """Plan and check one problem: what became of it, the faults, a digest of the result, and the plan's CPU time, s."""
     entry, problem, given = case
     before = _digest(*_arrays(problem))
     faults, outcome, result = [], "solved", b""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _timed() as spent:
             warnings.simplefilter("error")
             motion = planners.plan(problem) if entry is None else entry.plan(problem, **given)
     except Infeasible as refusal:
@@ -202,7 +202,18 @@ def _attempt(case: Case, *, show: bool = False) -> tuple[str, list[str], bytes]:
             print(problem, given, motion, faults)
     if _digest(*_arrays(problem)) != before:
         faults.append("changes its problem")
-    return outcome, faults, result
+    return outcome, faults, result, sum(spent)
+
+
+@contextmanager
+def _timed() -> Iterator[list[float]]:
+    """A list that holds the CPU time of the block afterwards, s."""
+    spent: list[float] = []
+    began = time.process_time()
+    try:
+        yield spent
+    finally:
+        spent.append(time.process_time() - began)
 
 
 def _untrue(case: Case, refusal: Infeasible) -> list[str]:

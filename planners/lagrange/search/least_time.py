@@ -24,8 +24,10 @@ LONGER = (1.0, 1.1, 1.5, 3.0)
 EARLIER, HALVINGS = 0.3, 8
 """Least time that is tried, as a share of that of the quick probe, and halvings of the range of times above it."""
 
-SEARCHES = 24
-"""Searches from many starts, times the number of links, to which the time of a search is about proportional."""
+SEARCHES, HEAVY_SEARCHES = 24, 18
+"""Searches from many starts, times the number of links, to which the time of a search is about proportional; and the
+same under gravity, where there are more starts.
+"""
 
 BESIDE = (1.0, 1.001)
 """Multiples of a time in which motions must be found for it to be named: searches fail by chance."""
@@ -61,7 +63,7 @@ def late(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) 
     if bracket is None:
         return weak or Infeasible("limits", f"no motion within the limits found, whether in {horizon:.4g} s or more")
     move, high = bracket[0], _least(*bracket)
-    searches = iter(range(SEARCHES // move.arm.n_joints))
+    searches = iter(range((HEAVY_SEARCHES if move.arm.gravity else SEARCHES) // move.arm.n_joints))
 
     def found(time: float, *, surely: bool = False) -> bool:
         if direct_motion([replace(move, duration=time)], objective) is not None:
