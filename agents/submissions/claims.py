@@ -67,7 +67,8 @@ def agreement(claimed: Claims | None, scored: Claims) -> str:
     """How claimed scores agree with those that come out, in a clause.
 
     On the platform that they were computed on they agree to the bit. Other processors and versions round differently:
-    there numbers of episodes, successes and steps must be the same, returns and metrics to `ROUNDING`.
+    there numbers of episodes, successes and steps must be the same, returns and metrics to `ROUNDING`. What the claims
+    leave out of their platform counts as equal to this one.
 
     Raises:
         ValueError: if they do not agree, with each difference.
@@ -80,7 +81,8 @@ def agreement(claimed: Claims | None, scored: Claims) -> str:
             "planarm submit claim writes them"
         )
     if differing := list(_differences(claimed, scored, 0.0)):
-        changed = [name for name in scored.platform if claimed.platform.get(name) != scored.platform[name]]
+        here = scored.platform
+        changed = [name for name in here if claimed.platform.get(name, here[name]) != here[name]]
         if not changed:
             raise ValueError(
                 f"the claimed numbers do not come out on the platform that is claimed: {_joined(differing)}"

@@ -163,10 +163,22 @@ def test_another_platform_may_round_differently_and_no_more(mine: Path, capsys: 
     edit_card(mine, lambda card: elsewhere(card, 1e-7))
     assert main(["submit", "check", str(mine), *FEW]) == 0
     assert "come out to 1e-05 on another platform than the claimed one (cpu)" in capsys.readouterr().out
+    edit_card(mine, lambda card: card["claims"].update(platform={"cpu": card["claims"]["platform"]["cpu"]}))
+    assert main(["submit", "check", str(mine), *FEW]) == 0
     edit_card(mine, lambda card: elsewhere(card, 1e-3))
     assert "beyond what the rounding of another platform changes (cpu)" in refusal(mine, capsys)
     edit_card(mine, lambda card: card["claims"]["tasks"][ENV].update(success=2))
     assert "success 2 is claimed" in refusal(mine, capsys)
+
+
+@pytest.mark.parametrize("platform", [{}, {"abacus": "wood"}], ids=str)
+def test_claims_that_do_not_say_where_they_were_computed_come_out_to_the_bit(
+    mine: Path, platform: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    edit_card(mine, lambda card: card["claims"].update(platform=platform))
+    assert main(["submit", "check", str(mine), *FEW]) == 0
+    edit_card(mine, lambda card: card["claims"]["tasks"][ENV].update(digest="0" * 64))
+    assert f"on the platform that is claimed: {ENV}: digest 0000" in refusal(mine, capsys)
 
 
 @pytest.mark.parametrize(
