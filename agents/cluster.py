@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
+import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-LOCAL = "local"
-"""The address that starts a Ray on this machine, which ends with the command."""
+LOCAL, AUTO = "local", "auto"
+"""The address that starts a Ray on this machine, which ends with the command, and that of the machine's cluster."""
+_ANSWER = 20.0  # s that the head of a cluster has to accept a connection; Ray itself tries for minutes
 
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -82,8 +85,10 @@ def connected(address: str, processors: int | None = None) -> Iterator[Any]:
     if address == LOCAL:
         options |= {"include_dashboard": False, "num_cpus": processors}
     try:
-        ray.init(address=address, **options)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+        _check_answer(address)
+        with _own_signals():
+            ray.init(address=address, **options)
+    except (OSError, ValueError, RuntimeError) as error:
         raise ValueError(
             f"no Ray cluster at address {address} ({' '.join(str(error).split())[:200]}): start one with ray start "
             f"--head, set RAY_AUTH_MODE=token if it has a token (~/.ray/auth_token), or take {LOCAL}"
@@ -98,3 +103,29 @@ def connected(address: str, processors: int | None = None) -> Iterator[Any]:
 def processors_of_nodes(ray: Any) -> list[int]:
     """Processors of each node of a cluster."""
     return [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
+
+
+def _check_answer(address: str) -> None:
+    """Raise an OSError or a ValueError if nothing accepts connections at an address of the form ``host:port``."""
+    address = os.environ.get("RAY_ADDRESS", AUTO) if address == AUTO else address
+    if address in (LOCAL, AUTO):
+        return
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise ValueError(f"an address is {LOCAL}, {AUTO} or host:port")
+    with socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWER):
+        pass
+
+
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """Keep the handling of SIGTERM, which `ray.init` replaces by one that exits with the number of the signal."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        yield
+    except SystemExit as end:
+        if end.code != signal.SIGTERM:
+            raise
+        raise KeyboardInterrupt(128 + signal.SIGTERM) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)

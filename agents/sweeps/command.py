@@ -138,11 +138,11 @@ def run(options: SweepOptions) -> int:
     if options.dry_run:
         trials_table(sweep).show(wide=options.wide)
         return 0
+    if options.resume is None:
+        sweep.check_new()
     load_ray()
     from agents.sweeps.results import SweepResults
 
-    if options.resume is None:
-        sweep.write()
     results = SweepResults(sweep)
     code = 0 if results.finished else _run_with_bar(results, options)
     results.table().show(wide=options.wide)
@@ -178,7 +178,7 @@ def trials_table(sweep: Sweep) -> Table:
 
 
 def _run_with_bar(results: SweepResults, options: SweepOptions) -> int:
-    """Run the trials that are not over; the exit code."""
+    """Run the trials that are not over; the exit code. Nothing is written where Ray cannot run them."""
     from agents.sweeps.tuning import run_trials
 
     most = max(int(record.trial.config.threads) for record in results.records.values())
@@ -191,6 +191,8 @@ def _run_with_bar(results: SweepResults, options: SweepOptions) -> int:
                 f"a trial takes {most} processors (threads), but no node has more than {max(nodes, default=0)}: set "
                 "threads=1, or take larger nodes"
             )
+        if options.resume is None:
+            results.sweep.write()
         places = f"{len(nodes)} {'node' if len(nodes) == 1 else 'nodes'} with {sum(nodes)} processors"
         note(f"{len(results.records)} trials in {results.sweep.folder}, on {places}")
         task = bar.add_task("beginning", total=total, best="")

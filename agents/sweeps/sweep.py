@@ -71,17 +71,17 @@ class Sweep:
         """Where a trial's run is."""
         return self.folder / "trials" / trial.name
 
-    def write(self) -> None:
-        """Write what was asked for into the folder.
-
-        Raises:
-            ValueError: if there is something in it already.
-        """
+    def check_new(self) -> None:
+        """Raise a ValueError if there is something in the folder already."""
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
             raise ValueError(
                 f"{self.folder} is not empty: choose another --out, or go on with the sweep there: "
                 f"planarm sweep --resume {self.folder}"
             )
+
+    def write(self) -> None:
+        """Write what was asked for into the folder; raises as `check_new`."""
+        self.check_new()
         trials = [
             {"name": trial.name, "values": trial.values, "config": trial.config.model_dump(mode="json")}
             for trial in self.trials
