@@ -128,4 +128,5 @@ def _own_signals() -> Iterator[None]:
             raise
         raise KeyboardInterrupt(128 + signal.SIGTERM) from None
     finally:
-        signal.signal(signal.SIGTERM, before)
+        with suppress(ValueError):  # in another thread than the main one, where Ray does not replace it either
+            signal.signal(signal.SIGTERM, before)
