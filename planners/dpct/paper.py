@@ -275,11 +275,18 @@ class _BeltLine:
     def of(cls, problem: MotionProblem, length: float) -> _BeltLine:
         """The line of a problem, after checking that it is one the paper treats."""
         target = problem.target
-        if not isinstance(target, MovingHand) or target.acceleration.any() or not target.velocity.any():
+        if not isinstance(target, MovingHand) or target.acceleration.any():
             raise ValueError(f"the paper's DPCT follows a MovingHand target of constant velocity; got {target}")
+        if not target.velocity.any():
+            raise Infeasible(
+                "unreachable", f"the paper's DPCT follows a target of constant velocity, not 0; got {target}"
+            )
         line = reduce_to_line(problem)
         if abs(line.start[1]) > OFF_LINE:
-            raise ValueError(f"the paper's DPCT starts from rest; the hand moves at {line.start[1]:.4g} m/s")
+            speed = float(line.start[1])
+            raise Infeasible(
+                "start", f"the paper's DPCT starts from rest; the hand moves at {speed:.4g} m/s", speed=speed
+            )
         if line.path.span[1] < length:
             raise Infeasible(
                 "unreachable",

@@ -97,7 +97,8 @@ def plan_optimal(
     Args:
         problem: the start, the target and the limits.
         objective: ``"PI1"``, the integral of sum abs(tau) (the paper's eq 6 over time), or ``"PI2"``, of sum tau^2.
-        nodes: of the interpolation where the plan is not polished, both ends included.
+        nodes: of the interpolation where the plan is not polished, both ends included; splines take its place where
+            only they keep the limits.
         polish: refine the coarse solution by cubic splines (90 stages of linear acceleration, 150 to 300 with gravity),
             whose torques can switch, in place of an interpolation with more nodes.
         elbow: branch on which a target of the hand is met: the one of less torque, the start's or a given one.
@@ -106,14 +107,14 @@ def plan_optimal(
         clamp_acceleration: whether the start's acceleration is continued and the target's met, so that torque and
             acceleration do not jump there; by default where there are jerk limits.
         guess: an additional motion to start from, such as the plan for a similar problem.
-        explain: on failure find the least feasible time (some seconds), for the message and the details.
+        explain: on failure look for a time that is enough (up to 4 s), for the message and the details.
 
     Returns:
         The trajectory; its cost is the objective over its whole duration.
 
     Raises:
-        Infeasible: with reason ``late`` (``details["minimum_time"]``, s, is the least feasible time found), ``start``,
-            ``limits``, ``unreachable`` or ``no_window``.
+        Infeasible: with reason ``late`` (``details["minimum_time"]``, s, is the least time found in which, and in
+            a thousandth more, there is a motion), ``start``, ``limits``, ``unreachable`` or ``no_window``.
         ValueError: if an option is out of range.
     """
     require_choice("objective", objective, get_args(Objective))

@@ -63,6 +63,7 @@ def test_a_share_of_the_campaign_finds_no_broken_promise(label: str) -> None:
         ("dpct/torque", 7, 13684),
         ("apf/field", 7, 9000),
         ("apf/field", 7, 64557),  # a moving target is met within 1 mm at the samples, and not between them
+        ("dpct/paper", 7, 1312),  # a start in motion was no refusal of a motion, but an error of the arguments
         ("lagrange/optimal", 7, 105),  # late, and with a thousandth more than the time named too
         ("lagrange/optimal", 7, 438),  # the time named led to a motion with a jump
         ("lagrange/optimal", 7, 267),  # rounding of the angles turns torques between two samples

@@ -349,6 +349,13 @@ def test_problems_of_another_kind_are_refused(change: dict[str, object], message
 
 
 def test_infeasible_problems_say_why() -> None:
+    moving = np.linalg.solve(SCARA_1M.jacobian(paper_problem().q), [0.1, 0.0])
+    with pytest.raises(Infeasible, match="starts from rest") as error:
+        plan_paper(replace(paper_problem(), qd=moving))
+    assert error.value.reason == "start"
+    with pytest.raises(Infeasible, match="constant velocity, not 0") as error:
+        plan_paper(replace(paper_problem(), target=MovingHand([-0.9, 1.732], [0.0, 0.0])))
+    assert error.value.reason == "unreachable"
     tight = replace(paper_problem(), limits=JointLimits(torque=(1e-3, 1e-3)))
     with pytest.raises(Infeasible, match="no path through the 50 x 100 phase plane") as error:
         plan_paper(tight)
