@@ -1,4 +1,4 @@
-"""Only functions with an entry become machine code of their own: a quarter of the time that Numba takes to compile.
+"""Only functions with an entry become machine code of their own, which saves a seventh of the time of compilation.
 
 Numba optimises every function and translates it into machine code, also one that only compiled code calls and that is a
 part of each of its callers. Importing this module puts that off until the address of the function or of its entry for
