@@ -131,8 +131,8 @@ class Agent:
     def for_env(self, env: Any) -> Any:
         """The policy in an environment, single or vector: this agent, or one that acts through it.
 
-        That is the expert that acts on its forecasts; or, among noise on the belt, `FilteredPolicy`, if its network was
-        trained without noise.
+        That is the expert that acts on its forecasts; or, on the belt with declared uncertainty, `FilteredPolicy`, if
+        its network was trained without.
 
         Raises:
             ValueError: if the environment is none that it was trained for.
@@ -142,7 +142,7 @@ class Agent:
             from envs.conveyor_track.filtered import FilteredPolicy
 
             task = getattr(env.unwrapped, "task", None)
-            if FilteredPolicy.wanted(task) and not self._knows_noise:
+            if FilteredPolicy.wanted(task) and not self._knows_uncertainty:
                 return FilteredPolicy(task, self.network_actions)
             return self
         from envs.obstacle_dodge.forecasts import ForecastingExpert
@@ -150,11 +150,13 @@ class Agent:
         return ForecastingExpert(env.unwrapped.task, self.network_actions)
 
     @property
-    def _knows_noise(self) -> bool:
-        """Whether it may have been trained with noise: with settings that declare some, or at difficulty levels."""
+    def _knows_uncertainty(self) -> bool:
+        """Whether it may have been trained with uncertainty: by its settings, or at difficulty levels."""
+        from envs.conveyor_track.filtered import FilteredPolicy
+
         training = self.document.get("training")
         recipe = training.get("config") if isinstance(training, Mapping) else None
-        return self._task.uncertainty.noisy or (isinstance(recipe, Mapping) and bool(recipe.get("levels")))
+        return FilteredPolicy.wanted(self._task) or (isinstance(recipe, Mapping) and bool(recipe.get("levels")))
 
     def network_actions(self, inputs: NDArray[np.float32], *, deterministic: bool = True) -> Actions:
         """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1]."""

@@ -119,8 +119,7 @@ class Expert(ABC):
             self._payload = np.zeros(len(batch))
             expected, self._estimate, robust, starts = self._robust.update(batch, memory, starts)
             actions, inner = self._act(expected, robust.expert, starts)
-            clipped = _clipped(actions)
-            self._memory = self._robust.after(robust, self._scale * clipped, inner)
+            clipped, self._memory = self._robust.act(robust, self._estimate, _clipped(actions), inner)
         elif self._adaptation is None:
             self._payload = np.zeros(len(batch))
             actions, self._memory = self._act(batch, memory, starts)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
 from envs.experts.payload_estimation import AdaptiveState
-from envs.experts.robust import RobustState, careful
+from envs.experts.robust import RobustState
 from envs.observation import Observation
 from envs.task import Task
 from planners.control import Gains, tracking_acceleration
@@ -162,7 +162,7 @@ class PlanningExpert(Expert):
             problem = replace(problem, payload=float(self._payload[row]))
             plan = None
             if self._robust is not None and self._replan_every is None:  # a plan that is kept needs room to correct
-                plan = self._plan(self._planner, replace(problem, limits=careful(problem.joint_limits)))
+                plan = self._plan(self._planner, replace(problem, limits=self._robust.careful(problem.joint_limits)))
             if plan is None:
                 plan = self._plan(self._planner, problem)
             if plan is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, HandGoal
-from envs.experts.robust import careful
 from envs.hashing import to_unit
 from envs.observation import Observation
 from envs.task import Task
@@ -97,16 +96,18 @@ class MovingTargetExpert(Expert):
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Array]:
         seen = self.task.layout.parse(observations)
-        # Jerk is counted from the commanded acceleration; with an unknown payload the observed one differs.
+        # Jerk is counted from the commanded acceleration: with an unknown payload the observed one differs. Robust
+        # tracking by jerks shows what has been commanded.
         commanded = seen["joint_acceleration"]
-        if self._adaptation is None and isinstance(state, np.ndarray) and state.shape == commanded.shape:
+        shown = self._robust is not None and self.task.config.control_mode == "jerk"
+        if not shown and self._adaptation is None and isinstance(state, np.ndarray) and state.shape == commanded.shape:
             commanded = np.where((starts | self._begins(seen))[:, None], commanded, state)
         q, qd, goal = seen["joint_position"], seen["joint_velocity"], self._goal(seen)
         qdd, period = np.empty_like(q), self.task.config.control_period
         for arm, rows in self._arms():
             target = goal[0][rows], goal[1][rows], goal[2][rows]
             if self._robust is not None and self._robust.unknown_arm:
-                arm = replace(arm, limits=careful(arm.limits))
+                arm = replace(arm, limits=self._robust.careful(arm.limits))
             qdd[rows] = approach(arm, q[rows], qd[rows], commanded[rows], target, period)
         return self._action_for(seen, qdd), qdd
 

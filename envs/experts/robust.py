@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.experts.jerks import JerkCommands
 from envs.observation import Observation
 from envs.task import Task
 from envs.uncertainty.draw import DRAWN, ends
@@ -28,15 +30,15 @@ CAREFUL: dict[LimitKind, float] = {"torque": 0.8, "velocity": 0.97, "acceleratio
 """Shares of the limits that a motion of experts takes under declared uncertainty; the rest is for corrections, and for
 what an arm with other masses makes of a torque."""
 
+_CALM = 0.8
+"""The share of the acceleration limit in jerk mode, where no acceleration takes back in a period what was too much."""
+
+MODES = "torque", "jerk"
+"""Control modes that have robust tracking."""
+
 _MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
 """What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
 acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
-
-
-def careful(limits: JointLimits) -> JointLimits:
-    """The shares of some limits that `CAREFUL` leaves a motion."""
-    shares = {kind: tuple((share * limits.array(kind)).tolist()) for kind, share in CAREFUL.items()}
-    return replace(limits, **shares)
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,14 @@ class RobustState:
         memory: of the observer, a row an environment.
         points: of the filter of each kind of points that a camera sees.
         due: control periods left at the next observation, ``(num_envs,)``.
+        jerks: of the commands in jerk mode, ``(num_envs, 2, n)``; see `JerkCommands.follow`.
     """
 
     expert: Any
     memory: Array
     points: dict[str, Array]
     due: NDArray[np.int64]
+    jerks: Array
 
 
 class RobustTracking:
@@ -61,11 +65,12 @@ class RobustTracking:
 
     The expert observes joints, and what moves besides, as they are estimated for the time at which its action reaches
     the joints, and the time left from then on, less than a period short. Its accelerations become torques of the
-    estimated arm. The settings say how uncertain each number is (a single number counts as a standard deviation around
-    the nominal arm), the latency or its range, and the noise; what was drawn is estimated.
+    estimated arm, or the jerks of `JerkCommands`. The settings say how uncertain each number is (a single number counts
+    as a standard deviation around the nominal arm), the latency or its range, and the noise; what was drawn is
+    estimated.
 
     Args:
-        task: the environment's task.
+        task: the environment's task, in a control mode of `MODES`.
 
     Attributes:
         unknown_arm: whether masses or friction are uncertain.
@@ -85,8 +90,10 @@ class RobustTracking:
             for name, share in _MANOEUVRE.items()
             if camera > 0.0 and name in scales
         }
+        self._scale = task.arm.limits.array("torque")
         self.unknown_arm = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
         noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest)
+        friction = np.array([_expected(config.viscous_friction), _expected(config.coulomb_friction)])
         strength = task.arm.limits.array("torque")[0] / task.arm.chain_constants[0].sum()
         self._observer = ArmObserver(
             task.arm,
@@ -99,15 +106,21 @@ class RobustTracking:
                 masses=max(abs(end) for end in ends(config.mass_error)),
                 alike=not isinstance(config.mass_error, tuple),
                 payload=far["payload"],
-                friction=(far["viscous_friction"], far["coulomb_friction"]),
+                friction=tuple(friction[:, 1].tolist()),
+                likely_friction=tuple(friction[:, 0].tolist()),
             ),
         )
+
+        self._jerks = None
+        if config.control_mode == "jerk":
+            own = task.arm.limits
+            self._jerks = JerkCommands(task, self.careful(own) if self.unknown_arm else own)
 
     @staticmethod
     def wanted(task: Task) -> bool:
         """Whether the settings declare an uncertainty that robust tracking knows; a known payload is none."""
         entries = {entry.name for entry in task.layout.entries}
-        if task.config.control_mode != "torque" or not entries >= _NEEDED:
+        if task.config.control_mode not in MODES or not entries >= _NEEDED:
             return False
         uncertainty = task.uncertainty
         return uncertainty.noisy or any(
@@ -116,6 +129,11 @@ class RobustTracking:
             if name in ("mass_error", "viscous_friction", "coulomb_friction", "latency")
             or (name == "payload" and isinstance(setting, tuple))
         )
+
+    def careful(self, limits: JointLimits) -> JointLimits:
+        """The shares of some limits that are left for a motion."""
+        shares = CAREFUL if self._task.config.control_mode != "jerk" else {**CAREFUL, "acceleration": _CALM}
+        return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
 
     @property
     def chases(self) -> bool:
@@ -137,18 +155,21 @@ class RobustTracking:
         seen = layout.parse(observations)
         left = np.rint(seen["time_left"][:, 0] / period).astype(np.int64)
         if before is None or len(before.due) != len(left):
-            before = RobustState(None, np.zeros((len(left), self._observer.width)), {}, left + 1)
-        begins, memory = starts | (before.due != left), before.memory.copy()
+            rows = len(left)
+            jerks = np.zeros((rows, 2, self._observer.n_joints))
+            before = RobustState(None, np.zeros((rows, self._observer.width)), {}, left + 1, jerks)
+        begins, memory, jerks = starts | (before.due != left), before.memory.copy(), before.jerks.copy()
+        jerks[begins] = 0.0
         estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
         points = self._filtered(seen, before, begins)
         seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
-        seen["joint_acceleration"] = estimate.qdd
+        seen["joint_acceleration"] = estimate.qdd if self._jerks is None else jerks[:, 0]
         seen["time_left"] = seen["time_left"] - self._observer.settings.waiting * period
         for name in ("part", "obstacle"):
             if name in seen:
                 shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
                 seen[name] = seen[name] + shift
-        return layout.compose(seen), estimate, RobustState(before.expert, memory, points, left - 1), begins
+        return layout.compose(seen), estimate, RobustState(before.expert, memory, points, left - 1, jerks), begins
 
     def _filtered(self, seen: dict[str, Array], before: RobustState, begins: NDArray[np.bool_]) -> dict[str, Array]:
         """The filters of the points after a sample, which they replace by their estimates in ``seen``."""
@@ -170,7 +191,23 @@ class RobustTracking:
             points[name] = memory
         return points
 
-    def after(self, state: RobustState, tau: Array, expert: Any) -> RobustState:
-        """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
+    def act(
+        self, state: RobustState, estimate: Estimate, shares: NDArray[np.float32], expert: Any
+    ) -> tuple[NDArray[np.float32], RobustState]:
+        """The action for what an expert wants, shares of the limits ``(num_envs, n)``, and the state after it.
+
+        ``expert`` is the expert's own new state.
+        """
+        actions, tau = shares.astype(float), self._scale * shares
+        if self._jerks is not None:
+            n = self._observer.n_joints
+            now = state.memory[:, :n].copy(), state.memory[:, n : 2 * n].copy()
+            actions, tau = self._jerks.follow(estimate, now, state.jerks, actions)
         self._observer.send(state.memory, tau)
-        return replace(state, expert=expert)
+        return actions.astype(np.float32), replace(state, expert=expert)
+
+
+def _expected(setting: Any) -> tuple[float, float]:
+    """Mean and standard deviation of what is drawn from a range; around 0 for a single number, which is not told."""
+    low, high = ends(setting)
+    return (0.5 * (low + high), (high - low) / math.sqrt(12.0)) if low < high else (0.0, high)

@@ -59,6 +59,7 @@ class ObserverSettings:
         alike: whether that share is the same for all links.
         payload: standard deviation of the payload, kg.
         friction: standard deviations of viscous (N m s/rad) and dry friction (N m).
+        likely_friction: what they are around.
     """
 
     period: float
@@ -70,6 +71,7 @@ class ObserverSettings:
     alike: bool = False
     payload: float = 0.0
     friction: tuple[float, float] = (0.0, 0.0)
+    likely_friction: tuple[float, float] = (0.0, 0.0)
 
     @property
     def waiting(self) -> int:
@@ -141,7 +143,7 @@ class ArmObserver:
         mobility = 1.0 / np.array(arm.inertias)
         mobility[1:] += mobility[:-1].copy()
         most = 0.5 / (mobility * period / settings.steps)
-        self._known = prior, noise, most
+        self._known = prior, noise, most, np.array(settings.likely_friction)
         self._times = np.array([period, period / settings.steps, settings.unmodelled])
         self._steps = np.array([settings.steps, *settings.late])
 
@@ -186,7 +188,7 @@ def _update(
     """All rows of `ArmObserver.update`; ``out`` ``(3, rows, n)`` are angles, velocities and accelerations ahead."""
     n = q.shape[1]
     size = 3 * n + 4
-    prior, noise, most = known
+    prior, noise, most, friction = known
     for row in range(q.shape[0]):
         own = memory[row]
         x, cov = own[:size], own[size : size * (size + 1)].reshape(size, size)
@@ -194,6 +196,7 @@ def _update(
         qdd = out[2, row]
         if starts[row]:
             x[:], cov[:, :], commands[:, :] = 0.0, prior, 0.0
+            x[3 * n + 1], x[3 * n + 2] = friction
             x[size - 1] = 0.5 * (steps[1] + steps[2])
             for i in range(n):
                 x[i], cov[i, i] = q[row, i], noise[0] ** 2

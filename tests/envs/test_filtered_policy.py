@@ -1,4 +1,4 @@
-"""Agents of the belt under noise: they act on filtered observations, unless they were trained with noise."""
+"""Agents of the belt under uncertainty: they act on estimates, unless they were trained with uncertainty."""
 
 from __future__ import annotations
 
@@ -49,11 +49,12 @@ def test_it_settles_with_a_higher_return_than_planners_which_act_by_torques() ->
         assert np.mean(own - scored(planner, control_mode="torque").returns) > 0.0
 
 
-def test_single_and_vector_environments_give_the_same_bits() -> None:
-    agent = agents.load_agent(BELT)
-    vector: Any = gym.make_vec(BELT, num_envs=3, **noisy())
+@pytest.mark.parametrize("level", ["noise", "uncertain"])
+def test_single_and_vector_environments_give_the_same_bits(level: str) -> None:
+    agent, settings = agents.load_agent(BELT), {**envs.task_card(BELT).levels[level].settings, "control_mode": "jerk"}
+    vector: Any = gym.make_vec(BELT, num_envs=3, **settings)
     policy, (observations, _), state = agent.for_env(vector), vector.reset(seed=5), None
-    alone: list[Any] = [gym.make(BELT, **noisy()) for _ in range(3)]
+    alone: list[Any] = [gym.make(BELT, **settings) for _ in range(3)]
     singles = [[agent.for_env(env), env.reset(seed=5 + i)[0], None] for i, env in enumerate(alone)]
     for _ in range(40):
         actions, state = policy.predict(observations, state)

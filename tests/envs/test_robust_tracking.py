@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import envs
+from agents.evaluation.evaluate import evaluate
 
 MOVE = "MinTorqueMove-v0"
 EPISODES = 6
@@ -171,3 +172,37 @@ def test_a_part_that_a_camera_sees_with_noise_is_met(name: str) -> None:
 
 def test_plans_leave_torque_for_an_unknown_payload() -> None:
     assert share(MOVE, "dpct", payload=(0.0, 0.2)) >= 5 / 6
+
+
+@pytest.mark.parametrize("name", ["lagrange", "follower"])
+def test_an_uncertain_arm_meets_the_belt_by_jerks_within_all_limits(name: str) -> None:
+    settings = {**envs.task_card("ConveyorTrack-v0").levels["uncertain"].settings, "control_mode": "jerk"}
+    result = evaluate(name, "ConveyorTrack-v0", np.arange(12), env_config=settings, num_envs=12)
+    assert result.success.mean() >= 10 / 12
+    assert (result.metrics["limit_ratio"] <= 1.005).mean() >= 11 / 12
+    assert (
+        np.mean(
+            result.returns
+            - evaluate(
+                name, "ConveyorTrack-v0", np.arange(12), env_config={**settings, "control_mode": "torque"}, num_envs=12
+            ).returns
+        )
+        > 1.0
+    )
+
+
+def test_jerks_give_an_estimated_arm_the_accelerations_that_are_wanted() -> None:
+    vector: Any = gym.make_vec(
+        "ConveyorTrack-v0", num_envs=4, control_mode="jerk", mass_error=-0.1, viscous_friction=0.05
+    )
+    expert = envs.make_expert("follower", vector)
+    observations, _ = vector.reset(seed=0)
+    state: Any = None
+    errors = []
+    for _ in range(60):
+        actions, state = expert.predict(observations, state)
+        observations, *_ = vector.step(actions)
+        wanted, told = state.jerks[:, 0], state.jerks[:, 1]
+        errors.append(np.abs(np.stack([wanted, told]) - vector.task.batch["qdd"]).max(axis=(1, 2)))
+    wanted, told = np.max(errors[30:], axis=0)
+    assert wanted < 2e-3 < 1e-2 < told  # rad/s^2; the limit is 0.3

@@ -1,0 +1,82 @@
+"""Joint jerks that give an uncertain arm the accelerations that an expert wants."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from envs.task import Task
+from planners import JointLimits
+from planners.control import Estimate
+from planners.control.joint_limits import smooth_bounds
+from planners.robot.dynamics import forward_dynamics, inverse_dynamics
+from planners.robot.limits import LimitKind
+from planners.typing import Array
+
+_SMOOTH: tuple[LimitKind, ...] = ("velocity", "acceleration", "jerk")
+_ROUNDS = 2  # of finding the accelerations over a period, which follow from the state half a period ahead
+
+
+class JerkCommands:
+    """From wanted accelerations to the jerks that an environment integrates, for estimated arms.
+
+    In jerk mode the environment integrates an action to accelerations and finds their torques for the nominal arm, in
+    the state that it measures. An arm with other masses, with friction, or later, moves otherwise. So the wanted
+    accelerations, integrated here, become the torques of the estimated arm, and those the accelerations of the nominal
+    arm that the environment has to be told.
+
+    Args:
+        task: the environment's task, with ``control_mode="jerk"``.
+        within: limits of the wanted accelerations, and of the jerk that the environment is told.
+    """
+
+    def __init__(self, task: Task, within: JointLimits) -> None:
+        own = task.arm.limits
+        self._period = task.config.control_period
+        self._chain = task.arm.chain_constants
+        self._torque, self._jerk = own.array("torque"), own.array("jerk")
+        self._within = np.array([within.array(kind) for kind in _SMOOTH])
+        self._told = np.array([own.array("velocity"), own.array("acceleration"), within.array("jerk")])
+
+    def follow(
+        self, estimate: Estimate, state: tuple[Array, Array], memory: Array, shares: Array
+    ) -> tuple[Array, Array]:
+        """Actions and their torques, N m, ``(num_envs, n)`` each, for jerks that are ``shares`` of the limits.
+
+        Args:
+            estimate: of arms and of the state in which the action reaches the joints.
+            state: estimated angles and velocities now, ``(num_envs, n)`` each.
+            memory: accelerations so far, ``(num_envs, 2, n)``, rad/s^2, renewed in place: those that were wanted, as
+                far as the environment could be told, and those that it was told.
+            shares: ``(num_envs, n)``.
+        """
+        wanted, told = memory[:, 0].copy(), memory[:, 1].copy()
+        _change(estimate.qd, shares * self._jerk * self._period, self._period, self._within, wanted)
+        nominal = self._nominal(*state, estimate.held_torque(wanted, self._period), wanted)
+        _change(state[1], nominal - told, self._period, self._told, told)
+        actions = (told - memory[:, 1]) / (self._jerk * self._period)
+        memory[:, 0], memory[:, 1] = wanted + (told - nominal), told
+        return actions, np.clip(
+            inverse_dynamics(*self._chain, *self._half(*state, told), told), -self._torque, self._torque
+        )
+
+    def _nominal(self, q: Array, qd: Array, tau: Array, qdd: Array) -> Array:
+        """Mean accelerations of the nominal arm under torques that are held for a period; ``qdd`` are near them."""
+        for _ in range(_ROUNDS):
+            qdd = forward_dynamics(*self._chain, *self._half(q, qd, qdd), tau)
+        return qdd
+
+    def _half(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Angles and velocities half a period ahead."""
+        half = 0.5 * self._period
+        return q + half * (qd + 0.5 * half * qdd), qd + half * qdd
+
+
+@njit(cache=True, nogil=True)
+def _change(speeds: Array, changes: Array, period: float, limits: Array, accelerations: Array) -> None:
+    """Change accelerations ``(rows, n)`` within what keeps limits of velocity, acceleration and jerk, ``(3, n)``."""
+    for row in range(accelerations.shape[0]):
+        for i in range(accelerations.shape[1]):
+            now = accelerations[row, i]
+            lower, upper = smooth_bounds(speeds[row, i], now, period, limits[0, i], limits[1, i], limits[2, i])
+            accelerations[row, i] = min(upper, max(lower, now + changes[row, i]))
