@@ -32,7 +32,8 @@ class PlanningExpert(Expert):
     An environment is replanned where its observation does not continue the last episode, and where the payload
     estimate has changed. A plan to a moving target that is seen with noise goes on with better and better estimates of
     it: from the planned state of 4, 8, 16, ... periods after the start, up to half of the episode.
-    Without a plan (the problem has no solution), and past its end, the arm brakes within limits.
+    Without a plan (the problem has no solution), and past its end, the arm brakes within limits; under declared
+    uncertainty it goes on as the plan ends.
     The `state` is a record of each environment's plan, and the control periods left at the next observation.
 
     Args:
@@ -110,8 +111,8 @@ class PlanningExpert(Expert):
             self._gains,
         )
         braking = sample >= plans["last"]
-        if self._robust is not None:  # a plan that ends at rest is held
-            braking &= (plans["last"] == 0) | (np.abs(now[1]).max(axis=1) > REST)
+        if self._robust is not None:  # a plan goes on as it ends: a command of the last periods may arrive in time
+            braking &= plans["last"] == 0
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
         return self._action_for(seen, qdd), (plans, left - 1)
@@ -120,6 +121,7 @@ class PlanningExpert(Expert):
         """Angles and velocities of the plans, ``(num_envs, n)`` each, when the next commands arrive.
 
         The estimated latency may have changed since a plan was made: between two samples the acceleration is constant.
+        After its end a plan keeps its velocity.
         """
         rows, period = np.arange(len(plans)), self.task.config.control_period
         if self._estimate is None:
@@ -127,13 +129,15 @@ class PlanningExpert(Expert):
             return plans["q"][rows, place], plans["qd"][rows, place]
         rests = np.abs(plans["qd"][rows, plans["last"]]).max(axis=1) <= REST
         later = np.where(rests, 0.0, self._estimate.late - plans["late"])
-        exact = np.clip(sample + later / period, 0.0, plans["last"])
+        exact = np.maximum(0.0, sample + later / period)
+        beyond = np.maximum(0.0, exact - plans["last"])[:, None]
+        exact = np.minimum(exact, plans["last"])
         place = np.minimum(exact.astype(np.int64), np.maximum(0, plans["last"] - 1))
         after, share = np.minimum(place + 1, plans["last"]), (exact - place)[:, None]
         rise = plans["qd"][rows, after] - plans["qd"][rows, place]
         qd = (1.0 - share) * plans["qd"][rows, place] + share * plans["qd"][rows, after]
         q = (1.0 - share) * plans["q"][rows, place] + share * plans["q"][rows, after]
-        return q - 0.5 * period * share * (1.0 - share) * rise, qd
+        return q - 0.5 * period * share * (1.0 - share) * rise + period * beyond * qd, qd
 
     def _replan(
         self,

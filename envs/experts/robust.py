@@ -22,9 +22,9 @@ from planners.typing import Array
 _NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
 
 _UNMODELLED = 0.02, 0.1
-"""What the filter's model leaves out, and the same where arm or latency are unknown beside noise, as a share of the
-acceleration that the first torque gives the stretched arm: less makes the filter too certain, and masses and latency
-drift; more makes plans spend torque on noise."""
+"""What the filter's model leaves out, and the same where arm or latency are unknown beside noise, or the environment finds
+the torques of jerks, as a share of the acceleration that the first torque gives the stretched arm: less makes the filter
+too certain, and masses and latency drift; more makes plans spend torque on noise."""
 
 CAREFUL: dict[LimitKind, float] = {"torque": 0.8, "velocity": 0.97, "acceleration": 0.9, "jerk": 0.85}
 """Shares of the limits that a motion of experts takes under declared uncertainty; the rest is for corrections, and for
@@ -92,7 +92,8 @@ class RobustTracking:
         }
         self._scale = task.arm.limits.array("torque")
         self.unknown_arm = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
-        noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest)
+        jerks = config.control_mode == "jerk"
+        noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest or jerks)
         friction = np.array([_expected(config.viscous_friction), _expected(config.coulomb_friction)])
         strength = task.arm.limits.array("torque")[0] / task.arm.chain_constants[0].sum()
         self._observer = ArmObserver(
@@ -112,7 +113,7 @@ class RobustTracking:
         )
 
         self._jerks = None
-        if config.control_mode == "jerk":
+        if jerks:
             own = task.arm.limits
             self._jerks = JerkCommands(task, self.careful(own) if self.unknown_arm else own)
 
