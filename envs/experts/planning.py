@@ -32,8 +32,8 @@ class PlanningExpert(Expert):
     An environment is replanned where its observation does not continue the last episode, and where the payload
     estimate has changed. A plan to a moving target that is seen with noise goes on with better and better estimates of
     it: from the planned state of 4, 8, 16, ... periods after the start, up to half of the episode.
-    Without a plan (the problem has no solution), and past its end, the arm brakes within limits; under declared
-    uncertainty it goes on as the plan ends.
+    Without a plan (the problem has no solution), and past its end, the arm brakes within limits. Under declared latency
+    it goes on as the plan ends for the periods after which a command may be late.
     The `state` is a record of each environment's plan, and the control periods left at the next observation.
 
     Args:
@@ -111,8 +111,11 @@ class PlanningExpert(Expert):
             self._gains,
         )
         braking = sample >= plans["last"]
-        if self._robust is not None:  # a plan goes on as it ends: a command of the last periods may arrive in time
-            braking &= plans["last"] == 0
+        if (
+            self._robust is not None
+        ):  # a plan that ends at rest is held; one to a part goes on while commands may be late
+            over = sample >= plans["last"] + self._robust.waiting
+            braking &= (plans["last"] == 0) | over & (np.abs(now[1]).max(axis=1) > REST)
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
         return self._action_for(seen, qdd), (plans, left - 1)

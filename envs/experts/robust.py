@@ -22,9 +22,9 @@ from planners.typing import Array
 _NEEDED = {"joint_position", "joint_velocity", "joint_acceleration", "time_left"}
 
 _UNMODELLED = 0.02, 0.1
-"""What the filter's model leaves out, and the same where arm or latency are unknown beside noise, or the environment finds
-the torques of jerks, as a share of the acceleration that the first torque gives the stretched arm: less makes the filter
-too certain, and masses and latency drift; more makes plans spend torque on noise."""
+"""What the filter's model leaves out, and the same where arm or latency are unknown beside noise, or the environment
+finds the torques of jerks, as a share of the acceleration that the first torque gives the stretched arm: less makes the
+filter too certain, and masses and latency drift; more makes plans spend torque on noise."""
 
 CAREFUL: dict[LimitKind, float] = {"torque": 0.8, "velocity": 0.97, "acceleration": 0.9, "jerk": 0.85}
 """Shares of the limits that a motion of experts takes under declared uncertainty; the rest is for corrections, and for
@@ -137,6 +137,11 @@ class RobustTracking:
         return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
 
     @property
+    def waiting(self) -> int:
+        """Control periods over which commands can be on their way."""
+        return self._observer.settings.waiting
+
+    @property
     def chases(self) -> bool:
         """Whether the target moves and is seen with noise."""
         return "part" in self._points
@@ -165,7 +170,7 @@ class RobustTracking:
         points = self._filtered(seen, before, begins)
         seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
         seen["joint_acceleration"] = estimate.qdd if self._jerks is None else jerks[:, 0]
-        seen["time_left"] = seen["time_left"] - self._observer.settings.waiting * period
+        seen["time_left"] = seen["time_left"] - self.waiting * period
         for name in ("part", "obstacle"):
             if name in seen:
                 shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
