@@ -88,10 +88,13 @@ def connected(address: str, processors: int | None = None) -> Iterator[Any]:
         _check_answer(address)
         with _own_signals():
             ray.init(address=address, **options)
-    except (OSError, ValueError, RuntimeError) as error:
+    except Exception as error:  # a node that does not start in time is a plain Exception of Ray
+        reason = " ".join(str(error).split())[:200]
+        if address == LOCAL:
+            raise ValueError(f"Ray did not start here ({reason}): try again when the machine is less busy") from None
         raise ValueError(
-            f"no Ray cluster at address {address} ({' '.join(str(error).split())[:200]}): start one with ray start "
-            f"--head, set RAY_AUTH_MODE=token if it has a token (~/.ray/auth_token), or take {LOCAL}"
+            f"no Ray cluster at address {address} ({reason}): start one with ray start --head, set "
+            f"RAY_AUTH_MODE=token if it has a token (~/.ray/auth_token), or take {LOCAL}"
         ) from None
     try:
         yield ray
