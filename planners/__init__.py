@@ -8,9 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import planners.compile_cache
-import planners.compiled.linking
-import planners.compiled.operators
-import planners.compiled.shortcuts  # noqa: F401  (all before any compiled function)
+import planners.compiled.faster  # noqa: F401  (both before any compiled function)
 from planners.capabilities import plan, register
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, Obstacle
 from planners.robot.arm import Arm, JointLimits

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from numba import njit, types
 from numba.core.registry import cpu_target
 
+import envs  # noqa: F401  (registers the environments)
 from planners.compiled.calls import Kernel, address_of, call_real, private
 from planners.compiled.linking import LinkedLibrary
 
@@ -78,3 +84,25 @@ def test_an_array_of_another_shape_is_refused() -> None:
     assert target.sum() == 6.0
     with pytest.raises(ValueError, match="cannot assign slice from input of different shape"):
         assign(target, np.ones(2))
+
+
+def test_a_version_of_numba_whose_internals_are_not_known_compiles_as_it_does(tmp_path: Path) -> None:
+    code = """
+import numba
+numba.version_info = numba.version_info._replace(short=(9, 9))
+import sys, numpy as np, gymnasium as gym, envs
+from numba.core.codegen import JITCPUCodegen
+env = gym.make("MinTorqueMove-v0")
+env.reset(seed=0)
+print(float(env.step(np.full(3, 0.1, np.float32))[0].sum()), JITCPUCodegen._library_class.__name__)
+print("planners.compiled.shortcuts" in sys.modules)
+"""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
+    number, library_class, shortened = run.stdout.split()
+    env: Any = gym.make("MinTorqueMove-v0")
+    env.reset(seed=0)
+    assert float(number) == float(env.step(np.full(3, 0.1, np.float32))[0].sum())
+    assert (library_class, shortened) == ("JITCodeLibrary", "False")
