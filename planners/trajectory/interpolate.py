@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import private
+from planners.compiled.calls import inlined, private
 from planners.typing import Array
 
 OVERSHOOT = 1e-9
@@ -65,7 +65,7 @@ def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: floa
     return float(most / h**3)
 
 
-@private
+@inlined
 def overshoot(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
     """How far the acceleration of the quintic between two samples leaves the range that `between` keeps it in."""
     first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
