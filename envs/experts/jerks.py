@@ -21,13 +21,13 @@ class JerkCommands:
     """From wanted accelerations to the jerks that an environment integrates, for estimated arms.
 
     In jerk mode the environment integrates an action to accelerations and finds their torques for the nominal arm, in
-    the state that it measures. An arm with other masses, with friction, or later, moves otherwise. So the wanted
+    the state that it measures. An arm with other masses, with friction, or with late torques, moves otherwise. So the wanted
     accelerations, integrated here, become the torques of the estimated arm, and those the accelerations of the nominal
-    arm that the environment has to be told.
+    arm, which are the command.
 
     Args:
         task: the environment's task, with ``control_mode="jerk"``.
-        within: limits of the wanted accelerations, and of the jerk that the environment is told.
+        within: limits of the wanted accelerations, and of the jerk that the environment is commanded.
     """
 
     def __init__(self, task: Task, within: JointLimits) -> None:
@@ -36,7 +36,7 @@ class JerkCommands:
         self._chain = task.arm.chain_constants
         self._torque, self._jerk = own.array("torque"), own.array("jerk")
         self._within = np.array([within.array(kind) for kind in _SMOOTH])
-        self._told = np.array([own.array("velocity"), own.array("acceleration"), within.array("jerk")])
+        self._command_limits = np.array([own.array("velocity"), own.array("acceleration"), within.array("jerk")])
 
     def follow(
         self, estimate: Estimate, state: tuple[Array, Array], memory: Array, shares: Array
@@ -47,18 +47,17 @@ class JerkCommands:
             estimate: of arms and of the state in which the action reaches the joints.
             state: estimated angles and velocities now, ``(num_envs, n)`` each.
             memory: accelerations so far, ``(num_envs, 2, n)``, rad/s^2, renewed in place: those that were wanted, as
-                far as the environment could be told, and those that it was told.
+                far as the limits of the command allow, and those that the environment was commanded.
             shares: ``(num_envs, n)``.
         """
-        wanted, told = memory[:, 0].copy(), memory[:, 1].copy()
+        wanted, commanded = memory[:, 0].copy(), memory[:, 1].copy()
         _change(estimate.qd, shares * self._jerk * self._period, self._period, self._within, wanted)
         nominal = self._nominal(*state, estimate.held_torque(wanted, self._period), wanted)
-        _change(state[1], nominal - told, self._period, self._told, told)
-        actions = (told - memory[:, 1]) / (self._jerk * self._period)
-        memory[:, 0], memory[:, 1] = wanted + (told - nominal), told
-        return actions, np.clip(
-            inverse_dynamics(*self._chain, *self._half(*state, told), told), -self._torque, self._torque
-        )
+        _change(state[1], nominal - commanded, self._period, self._command_limits, commanded)
+        actions = (commanded - memory[:, 1]) / (self._jerk * self._period)
+        memory[:, 0], memory[:, 1] = wanted + (commanded - nominal), commanded
+        tau = inverse_dynamics(*self._chain, *self._half(*state, commanded), commanded)
+        return actions, np.clip(tau, -self._torque, self._torque)
 
     def _nominal(self, q: Array, qd: Array, tau: Array, qdd: Array) -> Array:
         """Mean accelerations of the nominal arm under torques that are held for a period; ``qdd`` are near them."""

@@ -214,6 +214,6 @@ class RobustTracking:
 
 
 def _expected(setting: Any) -> tuple[float, float]:
-    """Mean and standard deviation of what is drawn from a range; around 0 for a single number, which is not told."""
+    """Mean and standard deviation of what is drawn from a range; around 0 for a single number, unknown to experts."""
     low, high = ends(setting)
     return (0.5 * (low + high), (high - low) / math.sqrt(12.0)) if low < high else (0.0, high)

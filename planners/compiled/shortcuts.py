@@ -71,7 +71,7 @@ for _module, _class, _name, _improved in _BETTER:
     _owner = getattr(_owner, _class) if _class else _owner
     setattr(_owner, _name, _improved(getattr(_owner, _name)))
 
-# Numba is told of every call of LLVM, a hundred thousand times, in order to measure how long they take.
+# LLVM reports each of a hundred thousand calls to Numba, which measures how long they take.
 _ffi: Any = import_module("llvmlite.binding.ffi")
 for _callbacks in list(_ffi.lib._lock._cblist):
     _ffi.unregister_lock_callback(*_callbacks)
