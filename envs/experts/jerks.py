@@ -21,7 +21,7 @@ class JerkCommands:
     """From wanted accelerations to the jerks that an environment integrates, for estimated arms.
 
     In jerk mode the environment integrates an action to accelerations and finds their torques for the nominal arm, in
-    the state that it measures. An arm with other masses, with friction, or with late torques, moves otherwise. So the wanted
+    the state that it measures. Other masses, friction or late torques move the arm otherwise. So the wanted
     accelerations, integrated here, become the torques of the estimated arm, and those the accelerations of the nominal
     arm, which are the command.
 
