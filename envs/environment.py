@@ -29,9 +29,8 @@ from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
 from planners.typing import Array
 
-_READ = ("limit_ratios", "reward", "terminated", "truncated", "success", "step", "reward_terms")
+_READ = ("limit_ratio", "step", "reward", "terminated", "truncated", "success", "reward_terms")
 """Fields of a record that a step reads."""
-_RATIOS = len(LIMIT_KINDS)
 
 _SECTIONS = (
     "Description",
@@ -169,11 +168,9 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
                 self._require_open()
                 raise gym.error.ResetNeeded("the episode is over or has not begun: call reset() first")
             self.task.advance(checked_actions(action, self._action_shape))
-            numbers = self._read()
-            reward, terminated, truncated, success, step = numbers[_RATIOS : _RATIOS + 5]
+            worst, step, reward, terminated, truncated, *known = self._read()
             self._needs_reset = over = terminated or truncated
-            terms, worst = numbers[_RATIOS + 5 :], max(numbers[:_RATIOS])
-            info = self._infos.at_step(0, success, terms, worst, ended=over or step == self._cut_after)
+            info = self._infos.at_step(worst, known, ended=over or step == self._cut_after)
             if self.render_mode is not None:
                 self._follow()
             return self._observation.copy(), reward, terminated, truncated, info

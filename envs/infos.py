@@ -51,7 +51,9 @@ class TaskInfos:
     def __init__(self, task: Task) -> None:
         self._task, self._records = task, task.batch
         self._ratios = self._records["limit_ratios"]
+        self._own_ratios = self._ratios[0]
         self._terms = [f"reward_{name}" for name in task.reward_terms]
+        self._each_step = ["is_success", *self._terms]
         bools = ["is_success", *(name for name in task.outcomes if name in task.boolean_outcomes)]
         numbers = [*self._terms, *(name for name in task.outcomes if name not in bools), "limit_ratio"]
         keys = ["is_success", *self._terms, *task.outcomes, "limit_ratio", "limit_ratios"]
@@ -63,24 +65,21 @@ class TaskInfos:
         """Info of one environment at the start of an episode."""
         return {**self._unknown, "limit_ratio": 0.0, "limit_ratios": np.zeros(len(LIMIT_KINDS))}
 
-    def at_step(self, env_index: int, success: bool, terms: Iterable[float], worst: float, *, ended: bool) -> Info:
-        """Info of one environment after a step.
+    def at_step(self, worst: float, known: Iterable[Any], *, ended: bool) -> Info:
+        """Info of a single environment after a step.
 
         Args:
-            env_index: index of the environment.
-            success: whether the task is solved.
-            terms: the terms of the reward.
             worst: the largest of the limit ratios.
+            known: whether the task is solved, and the terms of the reward.
             ended: whether the step has ended the episode.
         """
         info = self._unknown.copy()
-        info["is_success"] = success
-        for name, term in zip(self._terms, terms, strict=True):
-            info[name] = term
+        for key, value in zip(self._each_step, known, strict=True):
+            info[key] = value
         info["limit_ratio"] = worst
-        info["limit_ratios"] = self._ratios[env_index].copy()
+        info["limit_ratios"] = self._own_ratios.copy()
         if ended:
-            info.update(self._outcome(env_index))
+            info.update(self._outcome(0))
         return info
 
     def of_batch(
@@ -103,7 +102,7 @@ class TaskInfos:
         numbers = np.full((len(self._numbers), len(ratios)), math.nan)
         bools = np.zeros((len(self._bools), len(ratios)), dtype=np.bool_)
         numbers[:terms] = self._records["reward_terms"][rows].T
-        numbers[-1] = np.maximum.reduce(ratios.T.copy())
+        numbers[-1] = self._records["limit_ratio"][rows]
         bools[0] = self._records["success"][rows]
         if begun is not None:
             begun = begun[rows]

@@ -42,6 +42,7 @@ def actuation_env_fields(n_joints: int) -> list[tuple[Any, ...]]:
         ("qd_before", "f8", (n_joints,)),
         ("qdd_before", "f8", (n_joints,)),
         ("limit_ratios", "f8", (len(LIMIT_KINDS),)),
+        ("limit_ratio", "f8"),
         ("peak_torque", "f8"),
     ]
 
@@ -201,6 +202,7 @@ def _finish_period(env: Any, model: Any) -> float:
             ratio = abs(values[kind]) / limits[kind, i]
             worst = max(worst, ratio)
             ratios[kind] = max(ratios[kind], ratio)
+    env.limit_ratio = max(env.limit_ratio, worst)
     return worst
 
 

@@ -11,11 +11,11 @@ from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlin
 from planners.typing import Array
 
 EPISODE_FIELDS: list[tuple[Any, ...]] = [
+    ("step", "i8"),
     ("reward", "f8"),
     ("terminated", "?"),
     ("truncated", "?"),
     ("success", "?"),
-    ("step", "i8"),
     ("begun", "?"),
     ("table", "i8"),
     ("env_index", "i8"),
@@ -66,6 +66,7 @@ def clear_episode(env: Any) -> None:
     clear_array(env.tau)
     clear_array(env.commanded_qdd)
     clear_array(env.limit_ratios)
+    env.limit_ratio = 0.0
     clear_array(env.reward_terms)
     env.reward = 0.0
     env.peak_torque = 0.0
