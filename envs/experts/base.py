@@ -29,8 +29,9 @@ HandGoal = Callable[[dict[str, Array]], tuple[Array, Array, Array]]
 class Expert(ABC):
     """A policy whose actions come from a planner or a controller, not from a network.
 
-    It assumes an unloaded arm, unless `adapt` makes it estimate the payload. Where the settings declare uncertainty, it
-    acts on an estimate; see `RobustTracking`.
+    Where the settings declare uncertainty, it acts on an estimate: of the payload where nothing else is uncertain (see
+    `PayloadAdaptation`), else of all that is (see `RobustTracking`). A payload that is a single number it does not
+    expect, unless `adapt` makes it estimate the payload.
 
     Attributes:
         plans_made: number of motions planned so far.
@@ -52,9 +53,10 @@ class Expert(ABC):
         self.refusal = ""
         self.idle: NDArray[np.bool_] | None = None
         self._memory: Any = None
-        self._adaptation: PayloadAdaptation | None = None
+        self._adaptation = PayloadAdaptation(task) if self.tracks and PayloadAdaptation.wanted(task) else None
         self._payload: Array = np.zeros(0)
-        self._robust = RobustTracking(task) if self.tracks and RobustTracking.wanted(task) else None
+        robust = self.tracks and self._adaptation is None and RobustTracking.wanted(task)
+        self._robust = RobustTracking(task) if robust else None
         self._estimate: Estimate | None = None
         if task.action_space().shape != (task.arm.n_joints,):
             raise ValueError(
@@ -71,12 +73,13 @@ class Expert(ABC):
         Raises:
             ValueError: if this environment or control mode does not allow it.
         """
-        self._adaptation = PayloadAdaptation(self.task)
-        return self.unfiltered()
+        adaptation = PayloadAdaptation(self.task)
+        self.unfiltered()._adaptation = adaptation
+        return self
 
     def unfiltered(self) -> Self:
         """Act on observations as they are from now on, as if the settings declared no uncertainty."""
-        self._robust = self._estimate = self._memory = None
+        self._adaptation = self._robust = self._estimate = self._memory = None
         return self
 
     @property

@@ -56,6 +56,9 @@ class PayloadAdaptation:
     Args:
         task: the environment's task.
 
+    Attributes:
+        declared: whether the settings declare a range of payloads.
+
     Raises:
         ValueError: if actions are not torques, or observations do not show their effect.
     """
@@ -73,9 +76,18 @@ class PayloadAdaptation:
                 f"the adaptive law needs {', '.join(sorted(missing))}, not in the observation of {task.env_id}; "
                 "make the expert without it"
             )
-        self._task = task
+        self._task, self.declared = task, isinstance(task.config.payload, tuple)
         period, limit = task.config.control_period, np.array(task.arm.limits.torque)
         self._estimator = PayloadEstimator(PlanarArmModel(task.arm), limit, period)
+
+    @staticmethod
+    def wanted(task: Task) -> bool:
+        """Whether an unknown payload is all the uncertainty that the settings declare, and this can estimate it."""
+        entries, config = {entry.name for entry in task.layout.entries}, task.config
+        if config.control_mode != "torque" or not entries >= set(_NEEDED):
+            return False
+        others = [max(ends) for name, ends in task.uncertainty.ends.items() if name != "payload"]
+        return isinstance(config.payload, tuple) and not any(others) and not any(task.uncertainty.mass_error)
 
     def update(
         self, observations: Observation, before: AdaptiveState | None, starts: NDArray[np.bool_]

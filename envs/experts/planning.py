@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
 from envs.experts.payload_estimation import AdaptiveState
-from envs.experts.robust import RobustState
+from envs.experts.robust import RobustState, careful
 from envs.observation import Observation
 from envs.task import Task
+from planners import JointLimits, MotionProblem
 from planners.control import Gains, tracking_acceleration
 from planners.typing import Array
 
@@ -167,9 +168,8 @@ class PlanningExpert(Expert):
             if joined:
                 problem = replace(problem, q=q[row], qd=qd[row], qdd=qdd[row])
             problem = replace(problem, payload=float(self._payload[row]))
-            plan = None
-            if self._robust is not None and self._replan_every is None:  # a plan that is kept needs room to correct
-                plan = self._plan(self._planner, replace(problem, limits=self._robust.careful(problem.joint_limits)))
+            room = self._limits_with_room(problem)
+            plan = None if room is None else self._plan(self._planner, replace(problem, limits=room))
             if plan is None:
                 plan = self._plan(self._planner, problem)
             if plan is not None:
@@ -179,6 +179,15 @@ class PlanningExpert(Expert):
                 plans["last"][row], plans["begun"][row], plans["origin"][row] = last, left[row], observations[row]
                 planned[row] = True
         return planned
+
+    def _limits_with_room(self, problem: MotionProblem) -> JointLimits | None:
+        """Limits of a plan with room to correct: of one that is kept, or for an unknown payload. None for no room."""
+        if self._replan_every is not None:
+            return None
+        if self._robust is not None:
+            return self._robust.careful(problem.joint_limits)
+        unknown = self._adaptation is not None and self._adaptation.declared and problem.payload == 0.0
+        return careful(problem.joint_limits) if unknown else None
 
     def _braking(self, seen: dict[str, Array]) -> Array:
         """Accelerations that bring the joints to rest within the limits."""

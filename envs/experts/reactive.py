@@ -18,6 +18,10 @@ from planners.typing import Array
 
 _DAMPING = 1e-6
 
+_JERK_SHARE = 0.83
+"""Share of the jerk limits that the moving field uses where a payload is declared: its first torque, which is that of
+an empty hand, moves a joint of a loaded arm up to a fifth harder than it expects."""
+
 
 class RandomExpert(Expert):
     """Uniformly random actions.
@@ -106,9 +110,12 @@ class MovingTargetExpert(Expert):
         qdd, period = np.empty_like(q), self.task.config.control_period
         for arm, rows in self._arms():
             target = goal[0][rows], goal[1][rows], goal[2][rows]
+            limits = arm.limits
             if self._robust is not None and self._robust.unknown_arm:
-                arm = replace(arm, limits=self._robust.careful(arm.limits))
-            qdd[rows] = approach(arm, q[rows], qd[rows], commanded[rows], target, period)
+                limits = self._robust.careful(limits)
+            elif self._adaptation is not None and self._adaptation.declared:
+                limits = replace(limits, jerk=tuple((_JERK_SHARE * limits.array("jerk")).tolist()))
+            qdd[rows] = approach(arm, q[rows], qd[rows], commanded[rows], target, period, limits=limits)
         return self._action_for(seen, qdd), qdd
 
 

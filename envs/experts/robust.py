@@ -33,6 +33,13 @@ what an arm with other masses makes of a torque."""
 _CALM = 0.8
 """The share of the acceleration limit in jerk mode, where no acceleration takes back in a period what was too much."""
 
+
+def careful(limits: JointLimits, acceleration: float = CAREFUL["acceleration"]) -> JointLimits:
+    """The shares of some limits that are left for a motion, `CAREFUL` but for that of the acceleration."""
+    shares: dict[LimitKind, float] = {**CAREFUL, "acceleration": acceleration}
+    return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
+
+
 MODES = "torque", "jerk"
 """Control modes that have robust tracking."""
 
@@ -133,8 +140,7 @@ class RobustTracking:
 
     def careful(self, limits: JointLimits) -> JointLimits:
         """The shares of some limits that are left for a motion."""
-        shares = CAREFUL if self._task.config.control_mode != "jerk" else {**CAREFUL, "acceleration": _CALM}
-        return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
+        return careful(limits, _CALM if self._task.config.control_mode == "jerk" else CAREFUL["acceleration"])
 
     @property
     def waiting(self) -> int:

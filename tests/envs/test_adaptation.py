@@ -13,6 +13,7 @@ import envs
 from agents.evaluation.evaluate import Evaluation, evaluate
 from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.experts.payload_estimation import AdaptiveState
+from envs.experts.robust import RobustState
 
 TASKS = ("ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0")
 PLANNED = ("dpct", "lagrange", "apf", "follower")
@@ -81,6 +82,23 @@ def test_the_limits_are_those_of_the_loaded_arm() -> None:
     assert adaptive.metrics["limit_ratio"].max() <= 1.05
     assert adaptive.timing.infeasible == 0
     assert np.median(plain.metrics["limit_ratio"]) > 1.5
+
+
+@pytest.mark.parametrize("name", ["dpct", "lagrange", "apf"])
+@pytest.mark.parametrize("env_id", ["ConveyorTrack-v0", "MinTorqueMove-v0"])
+def test_a_payload_that_is_declared_is_estimated(env_id: str, name: str) -> None:
+    settings = dict(envs.task_card(env_id).levels["payload"].settings)
+    of_level, adaptive = (evaluate(name + ending, env_id, range(6), env_config=settings) for ending in ("", ADAPTIVE))
+    assert of_level.success.all()
+    np.testing.assert_array_equal(of_level.returns, adaptive.returns)
+    assert (of_level.metrics["limit_ratio"] <= 1.005).mean() >= 5 / 6
+
+
+@every_task
+def test_other_uncertainty_beside_a_payload_is_filtered_with_it(env_id: str) -> None:
+    with closing(gym.make(env_id, payload=(0.0, 0.2), mass_error=0.1)) as env:
+        observation, _ = env.reset(seed=0)
+        assert isinstance(envs.make_expert("apf", env).predict(observation)[1], RobustState)
 
 
 @every_task

@@ -146,22 +146,37 @@ def test_without_limits_the_hand_comes_as_the_damped_oscillator() -> None:
     assert np.abs(errors[:, 0, 1]).max() < 1e-6
 
 
-def test_the_papers_part_is_met_within_limits_that_bind() -> None:
-    q, qd, qdd, errors = follow(*belt_start(), 125)
+def limit_ratios(q: Array, qd: Array, qdd: Array) -> dict[str, float]:
+    """The largest values of the first row of `follow`, as shares of the limits."""
     limits = SCARA_1M.limits
     tau = SCARA_1M.inverse_dynamics(q[:, 0], qd[:, 0], qdd[:, 0])
     jerk = np.diff(qdd, axis=0, prepend=0.0) / PERIOD
-    ratios = {
+    return {
         "torque": np.abs(tau / limits.torque).max(),
         "velocity": np.abs(qd / limits.velocity).max(),
         "acceleration": np.abs(qdd / limits.acceleration).max(),
         "jerk": np.abs(jerk / limits.jerk).max(),
     }
+
+
+def test_the_papers_part_is_met_within_limits_that_bind() -> None:
+    q, qd, qdd, errors = follow(*belt_start(), 125)
+    ratios = limit_ratios(q, qd, qdd)
     assert max(ratios.values()) <= 1.005, ratios
     assert max(ratios.values()) >= 0.95, ratios
     settled = np.abs(errors[:, 0]).max(axis=1) < 1e-3
     assert settled[90:].all()
     assert not settled[:40].any()
+
+
+@pytest.mark.parametrize("beside", [0.12, -0.12])
+def test_a_hand_beside_the_path_comes_to_it_within_all_limits(beside: float) -> None:
+    start, (position, velocity, acceleration) = belt_start(offset=0.05, speed=0.1)
+    q, qd, qdd, errors = follow(start, (position + [0.0, beside], velocity, acceleration), 220)
+    across = -errors[:, 0, 1] / beside  # from 1 to 0
+    assert max(limit_ratios(q, qd, qdd).values()) <= 1.005
+    assert across.min() >= -0.1
+    assert np.abs(errors[200:, 0]).max() < 1e-3
 
 
 @pytest.mark.parametrize("acceleration", [0.05, -0.05, 0.0])
