@@ -172,7 +172,7 @@ def test_the_papers_part_is_met_within_limits_that_bind() -> None:
 @pytest.mark.parametrize("beside", [0.12, -0.12])
 def test_a_hand_beside_the_path_comes_to_it_within_all_limits(beside: float) -> None:
     start, (position, velocity, acceleration) = belt_start(offset=0.05, speed=0.1)
-    q, qd, qdd, errors = follow(start, (position + [0.0, beside], velocity, acceleration), 220)
+    q, qd, qdd, errors = follow(start, (position + np.array([0.0, beside]), velocity, acceleration), 220)
     across = -errors[:, 0, 1] / beside  # from 1 to 0
     assert max(limit_ratios(q, qd, qdd).values()) <= 1.005
     assert across.min() >= -0.1
