@@ -144,8 +144,10 @@ def _broken_ends(problem: MotionProblem, motion: Trajectory, precision: float, t
 def _grid(motion: Trajectory) -> tuple[Array, NDArray[np.bool_]]:
     """Dense times, with those of the samples and just before each jump; and which of their intervals contain a jump."""
     jumps = motion.t[1:][np.diff(motion.t) == 0.0]
-    before = np.nextafter(jumps, 0.0)
-    t = np.unique(np.concatenate([np.linspace(0.0, motion.duration, GRID + 1), before, motion.t]))
+    before, even = np.nextafter(jumps, 0.0), np.linspace(0.0, motion.duration, GRID + 1)
+    after = np.searchsorted(motion.t, even).clip(1, len(motion.t) - 1)
+    near = np.minimum(np.abs(even - motion.t[after - 1]), np.abs(motion.t[after] - even)) <= 1e-9 * motion.duration
+    t = np.unique(np.concatenate([even[~near], before, motion.t]))
     return t, np.isin(t[1:], jumps)
 
 
