@@ -133,13 +133,17 @@ def problem_of(start: Start, demands: Demands) -> MotionProblem:
     )
 
 
-@lru_cache(maxsize=1024)
 def why_unsolvable(start: Start, demands: Demands) -> str | None:
     """DPCT's reason why a start cannot be solved within all limits in time, or None if it can."""
+    return _why_unsolvable(start, demands, "free" if start.beside else "optimal")
+
+
+@lru_cache(maxsize=1024)
+def _why_unsolvable(start: Start, demands: Demands, variant: dpct.Variant) -> str | None:
     if not all(math.isfinite(value) for value in start):
         return f"{start} is not finite"
     try:
-        plan = dpct.plan(problem_of(start, demands), variant="free" if start.beside else "optimal")
+        plan = dpct.plan(problem_of(start, demands), variant=variant)
     except (Infeasible, UnreachableTarget) as error:
         return str(error)
     latest = demands.horizon - demands.hold_time
@@ -157,7 +161,8 @@ def why_unsolvable(start: Start, demands: Demands) -> str | None:
 
 
 def require_solvable(start: Start, demands: Demands) -> None:
-    """Raise a ValueError with DPCT's reason if a start cannot be solved."""
-    reason = why_unsolvable(start, demands)
+    """Raise a ValueError with DPCT's reason if a start cannot be solved, on the belt's line or beside it."""
+    # the expert's variant comes first, so that no other one has to be compiled
+    reason = None if _why_unsolvable(start, demands, "free") is None else why_unsolvable(start, demands)
     if reason is not None:
         raise ValueError(f"no motion within the joint limits solves {start._asdict()}: {reason}")

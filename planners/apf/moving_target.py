@@ -161,4 +161,5 @@ def _acceleration(model: ArmModel, q: Array, qd: Array, qdd: Array, target: Targ
         c, s = model.lengths[i] * math.cos(angle), model.lengths[i] * math.sin(angle)
         x -= s * change + c * speed * speed
         y += c * change - s * speed * speed
-    return way[0] * x + way[1] * y
+    along: float = way[0] * x + way[1] * y
+    return along

@@ -170,7 +170,7 @@ def _detours(n: int) -> Array:
 
 def _plan_legs(problem: MotionProblem, scene: PredictedDiscs, goals: Array, limits: Array) -> tuple[float, list[_Leg]]:
     """The best timing: one leg to the target, or a detour and a leg from its end."""
-    q, qd, _ = problem.start
+    q, qd = (array.copy() for array in problem.start[:2])  # arrays that cannot be written to are another type
     bounds = ArmLimits(limits, problem.joint_limits.angle_middle, *problem.loaded_arm.chain_constants)
     cost, fields, accelerations = best_timing(scene, q, qd, goals, _detours(len(q)), bounds)
     line = StraightLine(*fields)

@@ -227,11 +227,12 @@ def _situation(problem: MotionProblem) -> Situation:
     arm, limits = problem.loaded_arm, problem.joint_limits
     discs = [(*obstacle.position, *obstacle.velocity, obstacle.radius) for obstacle in problem.obstacles]
     q, qd, _ = problem.start
-    torque, velocity, acceleration, jerk, angle = (limits.array(kind) for kind in LIMIT_KINDS)
+    # copies, since arrays that cannot be written to are another type, for which all would be compiled again
+    torque, velocity, acceleration, jerk, angle = (limits.array(kind).copy() for kind in LIMIT_KINDS)
     body = arm.length_array, arm.base_array, arm.link_radius, *arm.chain_constants
     disc_rows = np.array(discs).reshape(-1, 5)
     return Situation(
-        *body, torque, velocity, acceleration, jerk, limits.angle_middle, angle,
+        *body, torque, velocity, acceleration, jerk, limits.angle_middle.copy(), angle,
         q.copy(), qd.copy(), disc_rows, problem.horizon, np.array([MOST_WORK]),
     )  # fmt: skip
 
