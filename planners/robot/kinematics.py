@@ -127,7 +127,7 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
     Raises:
         UnreachableTarget: if a target lies outside the annulus the arm reaches.
     """
-    q = _two_link_branches(lengths, base, hand)
+    q = _two_link_branches(lengths, base, hand if hand.flags.writeable else hand.copy())  # else compiled twice
     _require_reach(lengths, base, hand, ~np.isnan(q[:, 0, 0]))
     return q
 
