@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from planners import Arm, FixedHand, FixedJoints, Infeasible, JointLimits, MotionProblem
+from planners import Arm, FixedHand, FixedJoints, Infeasible, JointLimits, MotionProblem, Obstacle
 from planners.capabilities import VARIANTS
 from planners.checks import rounded_up
 from planners.problem import Target
@@ -64,6 +65,22 @@ def test_many_links_are_refused_with_a_time_that_is_enough(kind: str) -> None:
     for longer in (1.0, 1.001):
         motion = plan(replace(problem, horizon=longer * named(refusal.value)), **options)
         assert motion.limit_ratio <= 1.0 + 1e-6
+
+
+def test_no_time_is_named_after_which_an_obstacle_is_touched() -> None:
+    """The shorter of two turns to the goal touches the disc, however long it takes; the other takes longer."""
+    limits = JointLimits(torque=[math.inf], velocity=[5.4], acceleration=[3.6], angle=[math.inf])
+    arm = Arm("one", [0.25], [1.6], limits=limits, gravity=0.0)
+    disc = Obstacle([0.0, -0.2], [0.0, 0.0], 0.03)
+    free = MotionProblem(arm, [-2.6], FixedHand(0.25 * np.array([math.cos(0.01), math.sin(0.01)])), 1.66, qd=[0.1])
+    plan = VARIANTS["dpct", "torque"].plan
+    with pytest.raises(Infeasible) as refusal:
+        plan(free)
+    assert plan(replace(free, horizon=1.001 * named(refusal.value))).clearance == math.inf
+    with pytest.raises(Infeasible, match="raise it further") as refusal:
+        plan(replace(free, obstacles=(disc,)))
+    assert "minimum_time" not in refusal.value.details
+    assert plan(replace(free, horizon=4.0, obstacles=(disc,))).clearance > 0.0
 
 
 @pytest.mark.parametrize(

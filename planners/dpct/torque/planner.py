@@ -13,8 +13,7 @@ that bends the path may do better.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -22,13 +21,11 @@ import numpy as np
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_choice
 from planners.dpct.torque.profile_search import Corridor, Profile, least_torque, mix
-from planners.dpct.torque.speed_profile import Track, controllable, extreme_profile
+from planners.dpct.torque.speed_profile import controllable, extreme_profile
+from planners.dpct.torque.way import KINDS, Way, way_of
 from planners.goals import goal_postures
-from planners.motion.line import OFF_LINE, reduce_to_line
-from planners.motion.path import Path
 from planners.motion.time_laws import stop_motion
-from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand, limit_broken
-from planners.robot.limits import LimitKind
+from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.trajectory.measure import measure
 from planners.typing import Array
@@ -64,8 +61,6 @@ limit starts on the boundary."""
 
 STANDSTILL = 1e-9
 """Speed, as a fraction of the fastest, that is rest but for rounding."""
-
-KINDS: tuple[LimitKind, ...] = ("torque", "velocity", "acceleration")
 
 
 @variant(
@@ -114,11 +109,11 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
         failure = None
         if problem.arm.n_joints in (2, 3):
             try:
-                return _among(problem, _along(_way(free, stages), objective))
+                return _among(problem, _along(way_of(free, stages), objective))
             except Infeasible as refusal:
                 failure = refusal
         return _to_postures(problem, objective, stages, failure)
-    return _among(problem, _along(_way(free, stages), objective))
+    return _among(problem, _along(way_of(free, stages), objective))
 
 
 def _among(problem: MotionProblem, trajectory: Trajectory) -> Trajectory:
@@ -129,7 +124,7 @@ def _among(problem: MotionProblem, trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, problem=problem, measured=measure(problem, *samples))
 
 
-def _along(way: _Way, objective: Objective) -> Trajectory:
+def _along(way: Way, objective: Objective) -> Trajectory:
     """The motion of least torque along a way."""
     problem = way.problem
     if way.length == 0.0:
@@ -178,83 +173,23 @@ def _to_postures(problem: MotionProblem, objective: Objective, stages: int, fail
         if measured[-1].clearance >= 0.0:
             return measured[-1]
     if failures:
-        raise failures[0]
+        raise next((one for one in failures if _time_helps(problem, one, objective, stages)), failures[0])
     return measured[0]  # to be refused with where it touches
 
 
-@dataclass(frozen=True)
-class _Way:
-    """The straight path of a problem, ``r`` from 0 to 1: its path, the path's length (0 where the start is the
-    target), the stages ``r`` ``(N + 1,)``, the rate of r at time 0, 1/s, and the joint velocities that the start has
-    in addition, ``(n,)``, rad/s; None if it has none.
-    """
-
-    problem: MotionProblem
-    path: Path
-    length: float
-    r: Array
-    speed: float
-    across: Array | None
-
-    def joints(self, r: Array) -> tuple[Array, Array, Array]:
-        """Joint angles f (eq 9), f' and f'' at ``r``, each ``(samples, n)``."""
-        derivatives = self.path.derivatives(self.length * r)
-        return derivatives[:, 0], self.length * derivatives[:, 1], self.length**2 * derivatives[:, 2]
-
-    @cached_property
-    def track(self) -> Track:
-        """The path for the kernels, with the limits of the problem."""
-        arm, limits = self.problem.loaded_arm, self.problem.joint_limits
-        middles = 0.5 * (self.r[:-1] + self.r[1:])
-        q, slope, curvature = self.joints(np.insert(self.r, np.arange(1, len(self.r)), middles))
-        still = np.zeros_like(q)
-        static = arm.inverse_dynamics(q, still, still)
-        inertia = arm.inverse_dynamics(q, still, slope) - static
-        centripetal = arm.inverse_dynamics(q, slope, curvature) - static
-        table = np.array([limits.array(kind) for kind in KINDS])
-        return Track(np.diff(self.r), slope, curvature, inertia, centripetal, static, table)
+def _time_helps(problem: MotionProblem, refusal: Infeasible, objective: Objective, stages: int) -> bool:
+    """Whether the time that a refusal names, if it names one, leads to a motion that touches no obstacle."""
+    enough = refusal.details.get("minimum_time")
+    if not isinstance(enough, float) or not problem.obstacles:
+        return True
+    try:
+        longer = plan_torque(replace(problem, horizon=1.001 * enough), objective=objective, stages=stages)
+    except Infeasible:
+        return False
+    return longer.clearance >= 0.0
 
 
-def _way(problem: MotionProblem, stages: int) -> _Way:
-    """The way, after checking that its start, the joint ranges and the hold at its end allow it."""
-    along, across = _split_start(problem)
-    line = reduce_to_line(replace(problem, qd=along))
-    length = float(line.target[0])
-    slope = float(np.abs(line.path.derivatives(np.zeros(1))[0, 1]).max())
-    speed = 0.0 if abs(line.start[1]) * slope <= OFF_LINE else float(line.start[1])
-    if speed < 0.0 or (speed > 0.0 and length == 0.0):
-        raise Infeasible("start", "the arm moves away from the target; start at rest, or moving straight towards it")
-    r = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, stages + 1))
-    way = _Way(problem, line.path, length, r, speed / length if length > 0.0 else 0.0, across)
-    q = way.joints(np.linspace(0.0, 1.0, 4 * stages + 1))[0]
-    limits = problem.joint_limits
-    outside = np.argwhere(np.abs(q - limits.angle_middle) > limits.angle_half + 1e-9)
-    if len(outside):
-        sample, joint = outside[0]
-        message = f"joint {joint + 1} leaves its range of angles after {sample / (4 * stages):.0%} of the straight path"
-        raise Infeasible("limits", message, kind="angle", joint=int(joint))
-    still = np.zeros(problem.arm.n_joints)
-    held = np.abs(problem.loaded_arm.bias(q[-1], still)) / np.array(problem.joint_limits.torque)
-    if (held > 1.0).any():
-        raise limit_broken("limits", "holds the arm at the target only with", held[None], KINDS)
-    return way
-
-
-def _split_start(problem: MotionProblem) -> tuple[Array, Array | None]:
-    """The start's joint velocities along the straight joint path towards the target, and what is left of them.
-
-    ``(n,)`` each, rad/s; None is left where the path is the hand's, or the difference is rounding.
-    """
-    q, qd, _ = problem.start
-    if not isinstance(problem.target, FixedJoints):
-        return qd, None
-    direction = problem.target.q - q
-    square = float(direction @ direction)
-    along = max(0.0, float(qd @ direction)) / square * direction if square > 0.0 else np.zeros_like(qd)
-    return (along, qd - along) if np.abs(qd - along).max() > OFF_LINE else (qd, None)
-
-
-def _fastest_within_limits(way: _Way, objective: Objective) -> Corridor:
+def _fastest_within_limits(way: Way, objective: Objective) -> Corridor:
     """The corridor of limits so tight that its fastest profile keeps the true ones between the stages too."""
     limits = way.track.limits * TIGHTENING[:, None]
     for _ in range(ATTEMPTS):
@@ -271,7 +206,7 @@ def _between_stages() -> Infeasible:
     return Infeasible("limits", "the limits cannot be kept between the stages of the straight path; give more stages")
 
 
-def _corridor(way: _Way, objective: Objective, limits: Array) -> Corridor:
+def _corridor(way: Way, objective: Objective, limits: Array) -> Corridor:
     """The slowest and the fastest profile within limits of torque, velocity and acceleration, ``(3, n)``."""
     track, horizon = way.track._replace(limits=limits), way.problem.horizon
     ceiling = max(CEILING / horizon, 2.0 * way.speed) ** 2
@@ -307,7 +242,7 @@ def _tightened(limits: Array, excess: Array) -> Array:
     return tighter
 
 
-def _trajectory(way: _Way, profile: Profile | None, objective: Objective, across: Array | None = None) -> Trajectory:
+def _trajectory(way: Way, profile: Profile | None, objective: Objective, across: Array | None = None) -> Trajectory:
     """A profile (None: staying at the start) on dense samples, by exact kinematics and inverse dynamics.
 
     Joint velocities ``across`` of the start, ``(n,)``, are braked meanwhile.
@@ -331,7 +266,7 @@ def _trajectory(way: _Way, profile: Profile | None, objective: Objective, across
     return replace(trajectory, cost=float(np.trapezoid(load, trajectory.t)))
 
 
-def _sample(way: _Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:
+def _sample(way: Way, profile: Profile | None) -> tuple[Array, Array, Array, Array]:
     """Time, r, its rate and its acceleration, ``(samples,)`` each, to rest at the end."""
     if profile is None:
         t = way.problem.horizon * np.linspace(0.0, 1.0, 2 if way.across is None else 4 * len(way.r))
