@@ -51,13 +51,15 @@ class PayloadAdaptation:
 
     Every observation holds the mean acceleration under the torques of the last action, from which `PayloadEstimator`
     estimates the mass on the hand. Plans, limits and computed torque are those of the arm with that mass. An episode
-    begins without payload.
+    begins without payload, or with the lightest one of the range that the settings declare, whose torques are too hard
+    for none of them.
 
     Args:
         task: the environment's task.
 
     Attributes:
         declared: whether the settings declare a range of payloads.
+        expected: the payload with which an episode begins, kg.
 
     Raises:
         ValueError: if actions are not torques, or observations do not show their effect.
@@ -76,7 +78,9 @@ class PayloadAdaptation:
                 f"the adaptive law needs {', '.join(sorted(missing))}, not in the observation of {task.env_id}; "
                 "make the expert without it"
             )
-        self._task, self.declared = task, isinstance(task.config.payload, tuple)
+        payload = task.config.payload
+        self._task, self.declared = task, isinstance(payload, tuple)
+        self.expected = round(payload[0], _GRAMS) if isinstance(payload, tuple) else 0.0
         period, limit = task.config.control_period, np.array(task.arm.limits.torque)
         self._estimator = PayloadEstimator(PlanarArmModel(task.arm), limit, period)
 
@@ -104,9 +108,10 @@ class PayloadAdaptation:
         left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
         batch, n = seen["joint_position"].shape
         if before is None or len(before.due) != batch:
-            return AdaptiveState(None, LeastSquaresSums.zeros(batch, n), np.zeros((batch, n)), left)
+            return AdaptiveState(None, LeastSquaresSums.before(batch, n, self.expected), np.zeros((batch, n)), left)
         state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
-        sums = self._estimator.update(before.sums, *state, before.tau).restarted(starts | (before.due != left))
+        sums = self._estimator.update(before.sums, *state, before.tau)
+        sums = sums.restarted(starts | (before.due != left), self.expected)
         return AdaptiveState(before.expert, sums, before.tau, left)
 
 

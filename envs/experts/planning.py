@@ -186,7 +186,8 @@ class PlanningExpert(Expert):
             return None
         if self._robust is not None:
             return self._robust.careful(problem.joint_limits)
-        unknown = self._adaptation is not None and self._adaptation.declared and problem.payload == 0.0
+        adaptation = self._adaptation
+        unknown = adaptation is not None and adaptation.declared and problem.payload == adaptation.expected
         return careful(problem.joint_limits) if unknown else None
 
     def _braking(self, seen: dict[str, Array]) -> Array:

@@ -14,7 +14,7 @@ CUTOFF = 2.0
 """Cutoff of the low-pass filter on both sides of the prediction, rad/s."""
 
 PRIOR = 1e-9
-"""Information of the prior (no payload), 1/kg^2: negligible beside any motion, it keeps the estimate of 0 at rest."""
+"""Information of the prior, 1/kg^2: negligible beside any motion, it keeps the expected payload at rest."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,16 @@ class LeastSquaresSums:
     correlation: Array
 
     @classmethod
-    def zeros(cls, rows: int, n_joints: int) -> LeastSquaresSums:
-        """Before the first sample."""
-        return cls(np.zeros((rows, n_joints)), np.zeros((rows, n_joints)), np.zeros(rows), np.zeros(rows))
+    def before(cls, rows: int, n_joints: int, expected: float = 0.0) -> LeastSquaresSums:
+        """Before the first sample, with an expected payload, kg."""
+        nothing = np.zeros((rows, n_joints))
+        return cls(nothing, nothing, np.zeros(rows), np.full(rows, PRIOR * expected))
 
-    def restarted(self, rows: NDArray[np.bool_]) -> LeastSquaresSums:
-        """A copy with the rows of a mask ``(batch,)`` reset."""
+    def restarted(self, rows: NDArray[np.bool_], expected: float = 0.0) -> LeastSquaresSums:
+        """A copy with the rows of a mask ``(batch,)`` as they are before the first sample."""
         regressor, residual = self.regressor * ~rows[:, None], self.residual * ~rows[:, None]
-        return LeastSquaresSums(regressor, residual, self.information * ~rows, self.correlation * ~rows)
+        correlation = np.where(rows, PRIOR * expected, self.correlation)
+        return LeastSquaresSums(regressor, residual, self.information * ~rows, correlation)
 
     @property
     def mass(self) -> Array:

@@ -95,6 +95,16 @@ def test_a_payload_that_is_declared_is_estimated(env_id: str, name: str) -> None
 
 
 @every_task
+def test_an_episode_begins_with_the_lightest_payload_that_is_declared(env_id: str) -> None:
+    with closing(gym.make_vec(env_id, num_envs=2, payload=(0.1, 0.2))) as env:
+        expert = envs.make_expert("apf", env)
+        for _ in range(2):
+            _, states = actions_and_states(env, expert, 8)
+            np.testing.assert_allclose(states[0].mass_estimate, 0.1)
+            np.testing.assert_allclose(states[-1].mass_estimate, env.unwrapped.task.batch["payload"], atol=0.004)  # type: ignore[attr-defined]
+
+
+@every_task
 def test_other_uncertainty_beside_a_payload_is_filtered_with_it(env_id: str) -> None:
     with closing(gym.make(env_id, payload=(0.0, 0.2), mass_error=0.1)) as env:
         observation, _ = env.reset(seed=0)

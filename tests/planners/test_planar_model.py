@@ -95,7 +95,7 @@ class TestPayloadEstimator:
     ) -> list[LeastSquaresSums]:
         generator = np.random.default_rng(1)
         estimator = PayloadEstimator(PlanarArmModel(arm), np.array(arm.limits.torque), self.period, cutoff)
-        sums, real = LeastSquaresSums.zeros(1, arm.n_joints), arm.with_payload(mass)
+        sums, real = LeastSquaresSums.before(1, arm.n_joints), arm.with_payload(mass)
         q, qd, error = np.ones((1, arm.n_joints)), np.zeros((1, arm.n_joints)), np.zeros((1, arm.n_joints))
         estimates = []
         for step in range(steps):
@@ -125,7 +125,7 @@ class TestPayloadEstimator:
     def test_an_arm_at_rest_keeps_the_estimate_of_zero(self) -> None:
         estimator = PayloadEstimator(PlanarArmModel(SCARA_1M), np.array(SCARA_1M.limits.torque), self.period)
         still = np.zeros((1, 2))
-        assert estimator.update(LeastSquaresSums.zeros(1, 2), still + 0.4, still, still, still).mass[0] == 0.0
+        assert estimator.update(LeastSquaresSums.before(1, 2), still + 0.4, still, still, still).mass[0] == 0.0
 
     def test_no_mass_is_negative(self) -> None:
         light = replace(SCARA_1M, masses=(1.0, 0.5), coms=(), inertias=())
@@ -134,7 +134,7 @@ class TestPayloadEstimator:
         qd *= 0.1
         middle = qd - 0.5 * self.period * qdd
         tau = light.inverse_dynamics(q, middle, qdd)
-        sums = estimator.update(LeastSquaresSums.zeros(1, 2), q, qd, qdd, tau)
+        sums = estimator.update(LeastSquaresSums.before(1, 2), q, qd, qdd, tau)
         assert sums.correlation[0] < 0.0
         assert sums.mass[0] == 0.0
 
