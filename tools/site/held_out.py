@@ -1,10 +1,10 @@
-"""Learnt policies beside every planner on held-out seeds: shares of success, and their differences in pairs.
+"""Learnt policies beside every planner on held-out seeds: successes and returns, and their differences in pairs.
 
     python -m tools.site.held_out ObstacleDodge-v0/uncertain --policies agent apf
 
-scores policies on a task of ``configs/held_out.yaml``, stores one bit an episode in ``tools/data/held_out.json``, and
-writes the tables to ``docs/agents/harder.md``; without a task it writes the tables only. The bits are those of
-``planarm benchmark --config held_out``. A run that is stopped goes on from there;
+scores policies on a task of ``configs/held_out.yaml``, stores success and return of each episode in
+``tools/data/held_out.json``, and writes the tables to ``docs/agents/harder.md``; without a task it writes the tables
+only. They are those of ``planarm benchmark --config held_out``. A run that is stopped goes on from there;
 policies whose behaviour has changed are scored again after their entry has been deleted from the file.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel
 
 from agents.console import note
@@ -29,6 +29,7 @@ from agents.policies.agent import Agent
 from agents.policies.lookup import find_policy, is_shipped
 from agents.provenance import versions
 from planners.files import write_json, write_text
+from planners.typing import Array
 from tools.site.marks import replaced
 
 STORED = Path(__file__).parent.parent / "data" / "held_out.json"
@@ -42,7 +43,7 @@ Bits = NDArray[np.bool_]
 
 
 class Scored(BaseModel):
-    """A policy's successes on the first held-out seeds.
+    """A policy's successes and returns on the first held-out seeds.
 
     Attributes:
         began: when the first episode was run.
@@ -50,6 +51,7 @@ class Scored(BaseModel):
         weights: SHA-256 of the agent's weights; empty for a planner.
         episodes: number of episodes.
         successes: a bit an episode, in hexadecimal.
+        returns: to four decimals; empty for policies that were scored before returns were kept.
     """
 
     began: str
@@ -57,6 +59,7 @@ class Scored(BaseModel):
     weights: str
     episodes: int
     successes: str
+    returns: list[float] = []
 
     @property
     def bits(self) -> Bits:
@@ -64,10 +67,11 @@ class Scored(BaseModel):
         packed = np.frombuffer(bytes.fromhex(self.successes), dtype=np.uint8)
         return np.unpackbits(packed, count=self.episodes).astype(bool)
 
-    def with_more(self, bits: Bits) -> Scored:
-        """These successes with those of further episodes."""
+    def with_more(self, bits: Bits, returns: ArrayLike) -> Scored:
+        """These episodes with further ones."""
         joined = np.concatenate([self.bits, bits])
-        update = {"episodes": len(joined), "successes": np.packbits(joined).tobytes().hex()}
+        kept = [*self.returns, *np.round(returns, 4).tolist()] if len(self.returns) == self.episodes else []
+        update = {"episodes": len(joined), "successes": np.packbits(joined).tobytes().hex(), "returns": kept}
         return self.model_copy(update=update)
 
 
@@ -96,12 +100,13 @@ def weights_of(policy: str, env_id: str) -> str:
     return str(found.document["sha256"]) if isinstance(found, Agent) else ""
 
 
-def successes(task: BenchmarkTask, policy: str, first: int, episodes: int) -> Bits:
-    """Whether a policy succeeds in each of some episodes of a task."""
+def scored(task: BenchmarkTask, policy: str, first: int, episodes: int) -> tuple[Bits, Array]:
+    """Whether a policy succeeds in each of some episodes of a task, and its returns."""
     seeds = CONFIG.seed + np.arange(first, first + episodes)
-    return evaluate(
+    evaluation = evaluate(
         policy, task.env, seeds, env_config=task.env_config, options=task.options, num_envs=CONFIG.num_envs
-    ).success
+    )
+    return evaluation.success, evaluation.returns
 
 
 def score_part(task: BenchmarkTask, policy: str) -> bool:
@@ -112,17 +117,20 @@ def score_part(task: BenchmarkTask, policy: str) -> bool:
         kept = Scored(began=began, versions=versions(), weights=weights, episodes=0, successes="")
     total = task.episodes or CONFIG.episodes
     if kept.episodes < total:
-        kept = kept.with_more(successes(task, policy, kept.episodes, min(PART, total - kept.episodes)))
+        kept = kept.with_more(*scored(task, policy, kept.episodes, min(PART, total - kept.episodes)))
         store(task.title, policy, kept)
         note(f"{task.title}, {policy}: {kept.bits.mean():.1%} of {kept.episodes} episodes")
     return kept.episodes < total
 
 
-def store(title: str, policy: str, scored: Scored) -> None:
-    """Put the successes of a policy into the file."""
+def store(title: str, policy: str, row: Scored) -> None:
+    """Put the episodes of a policy into the file."""
     scores = load()
-    scores.setdefault(title, {})[policy] = scored
-    rows = {task: {name: each.model_dump() for name, each in named.items()} for task, named in scores.items()}
+    scores.setdefault(title, {})[policy] = row
+    rows = {
+        task: {name: each.model_dump(exclude_defaults=True) for name, each in named.items()}
+        for task, named in scores.items()
+    }
     write_json(STORED, rows)
 
 
@@ -132,23 +140,35 @@ def difference(policy: Bits, against: Bits) -> Estimate:
 
 
 def tables(scores: Mapping[str, Mapping[str, Scored]]) -> Iterator[str]:
-    """Lines of two Markdown tables for each task: shares of success, and each agent minus each planner.
+    """Lines of two Markdown tables for each task: success and return, and each agent minus each planner.
 
-    They are of the episodes that all policies of the task have met.
+    They are of the episodes that all policies of the task have met. A task's policies are in the order of their
+    returns, if these are kept of all, else of their successes.
     """
     for title, rows in scores.items():
         episodes = min(row.episodes for row in rows.values())
         bits = {name: row.bits[:episodes] for name, row in rows.items()}
-        ordered = sorted(bits, key=lambda name: -float(bits[name].mean()))
-        yield from ("", f"### {title}: {episodes} episodes", "", "|policy|success (%)|", "|---|---|")
+        returns = {name: np.array(row.returns[:episodes]) for name, row in rows.items() if row.returns}
+        all_kept = len(returns) == len(rows)
+        middles = {name: statistics.interquartile_mean(each) for name, each in returns.items()} if all_kept else {}
+        ordered = sorted(bits, key=lambda name: -(middles[name].value if middles else float(bits[name].mean())))
+        more = "return|" if all_kept else ""
+        line = "|---|---|---|" if all_kept else "|---|---|"
+        yield from ("", f"### {title}: {episodes} episodes", "", f"|policy|success (%)|{more}", line)
         for name in ordered:
-            share = statistics.rate(bits[name]).times(100.0)
-            yield f"|{name}|{share.value:.1f} ({share.low:.1f} to {share.high:.1f})|"
-        yield from ("", "|difference|success (points)|", "|---|---|")
+            share = _interval(statistics.rate(bits[name]).times(100.0), ".1f")
+            yield f"|{name}|{share}|" + (f"{_interval(middles[name], '.3f')}|" if all_kept else "")
+        yield from ("", f"|difference|success (points)|{more}", line)
         for agent in filter(is_shipped, ordered):
             for other in (name for name in ordered if not is_shipped(name)):
-                gap = difference(bits[agent], bits[other])
-                yield f"|{agent} - {other}|{gap.value:+.1f} ({gap.low:+.1f} to {gap.high:+.1f})|"
+                gap = _interval(difference(bits[agent], bits[other]), "+.1f")
+                of_returns = statistics.interquartile_mean(returns[agent] - returns[other]) if all_kept else None
+                yield f"|{agent} - {other}|{gap}|" + (f"{_interval(of_returns, '+.3f')}|" if of_returns else "")
+
+
+def _interval(estimate: Estimate, form: str) -> str:
+    """A value with its interval, as in "1.0 (0.5 to 1.5)"."""
+    return f"{estimate.value:{form}} ({estimate.low:{form}} to {estimate.high:{form}})"
 
 
 def main(options: HeldOutOptions) -> int:
