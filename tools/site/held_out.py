@@ -70,7 +70,8 @@ class Scored(BaseModel):
     def with_more(self, bits: Bits, returns: ArrayLike) -> Scored:
         """These episodes with further ones."""
         joined = np.concatenate([self.bits, bits])
-        kept = [*self.returns, *np.asarray(returns, dtype=float).round(4).tolist()] if len(self.returns) == self.episodes else []
+        added = np.asarray(returns, dtype=float).round(4).tolist()
+        kept = [*self.returns, *added] if len(self.returns) == self.episodes else []
         update = {"episodes": len(joined), "successes": np.packbits(joined).tobytes().hex(), "returns": kept}
         return self.model_copy(update=update)
 
