@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.conveyor_track.belt import Demands, Start, why_unsolvable
+from envs.conveyor_track.belt import Demands, Start, require_solvable, why_unsolvable
 from envs.conveyor_track.table import ELBOWS, Table, own_table, shipped
 from planners import SCARA_1M
 
@@ -95,7 +95,7 @@ def draw_starts(
         start = Start(**fixed)
         for generator in generators:
             generator.random(len(DRAWN))  # the same random numbers as a drawn start
-        _require(start, why_unsolvable(start, demands), 1)
+        require_solvable(start, demands)
         return [start] * len(generators)
     distribution = distribution_of(demands)
     if not given and distribution.certain:
@@ -118,10 +118,4 @@ def _draw_with(
         reason = why_unsolvable(start, demands)
         if reason is None:
             return start
-    _require(start, reason, _TRIES)
-    return start
-
-
-def _require(start: Start, reason: str | None, tries: int) -> None:
-    if reason is not None:
-        raise ValueError(f"no motion within the joint limits solves {start._asdict()} (one of {tries} tried): {reason}")
+    raise ValueError(f"no motion within the joint limits solves {start._asdict()} (one of {_TRIES} tried): {reason}")

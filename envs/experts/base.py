@@ -30,8 +30,8 @@ class Expert(ABC):
     """A policy whose actions come from a planner or a controller, not from a network.
 
     Where the settings declare uncertainty, it acts on an estimate: of the payload where nothing else is uncertain (see
-    `PayloadAdaptation`), else of all that is (see `RobustTracking`). A payload that is a single number it does not
-    expect, unless `adapt` makes it estimate the payload.
+    `PayloadAdaptation`), else of all that is (see `RobustTracking`). It does not expect a payload that is a single
+    number, unless `adapt` makes it estimate the payload.
 
     Attributes:
         plans_made: number of motions planned so far.

@@ -78,8 +78,8 @@ def velocity_changes(
     way: Pair,
     period: float,
 ) -> tuple[Array, Array]:
-    """Joint accelerations of the next period: ``still`` for velocities ``v`` of the hand, along and across the path, at
-    its end; ``slope`` for an acceleration of 1 m/s^2 along ``way``.
+    """Joint accelerations of the next period, ``(n,)`` each, rad/s^2: ``still`` for velocities ``v`` (m/s) of the hand,
+    along and across the path, at its end; ``slope`` for an acceleration of 1 m/s^2 along ``way``.
     """
     ux, uy = along
     n = qd.shape[0]
@@ -140,7 +140,7 @@ def _of_all_joints(n: int, first: Pair) -> Array:
 
 @private
 def response_in(model: ArmModel, q: Array, qd: Array, still: Array, slope: Array) -> Response:
-    """Joint accelerations, with the torques that they need in a state."""
+    """Joint accelerations ``still + slope s``, rad/s^2, with the torques that they need in a state ``q``, ``qd``."""
     n = q.shape[0]
     mass, bias = np.empty((n, n)), np.empty(n)
     mass_matrix_single(model.coupling, q, mass)
@@ -150,7 +150,7 @@ def response_in(model: ArmModel, q: Array, qd: Array, still: Array, slope: Array
 
 @private
 def braking_limits(model: ArmModel, now: Response, later: Response) -> tuple[Pair, float]:
-    """Lowest and highest acceleration along the path, and jerk, that braking can use in both postures."""
+    """Lowest and highest acceleration, m/s^2, and jerk, m/s^3, that braking can use in both postures."""
     lowest, highest, jerk = -math.inf, math.inf, math.inf
     for response in (now, later):
         low, high = interval(response, -model.acceleration, model.acceleration, model.torque)

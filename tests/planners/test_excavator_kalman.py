@@ -94,7 +94,7 @@ def test_link_masses_and_latency_are_found() -> None:
     # Four squared normalised errors: 99.99 % of samples of a consistent filter are below 23.5.
     off = x[10:] - [*heavier, late]
     assert off @ np.linalg.solve(covariance[10:, 10:], off) < 23.5
-    # What boom and arm weigh is seen in the torques; what the bucket weighs, hardly beside its payload.
+    # The torques show the masses of boom and arm; that of the bucket they hardly show beside its payload.
     assert np.sqrt(covariance.diagonal()[10:12]).max() < 0.3 * settings.masses
     assert found["error"][100:].max() < 1e-3
 
