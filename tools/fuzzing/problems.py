@@ -60,7 +60,9 @@ def draw(generator: np.random.Generator, entry: capabilities.Variant) -> MotionP
 
 
 def draw_options(generator: np.random.Generator, entry: capabilities.Variant, problem: MotionProblem) -> dict[str, Any]:
-    """Options of a variant that fit a problem: the defaults in half of the problems."""
+    """Options of a variant that fit a problem: the defaults in half of the problems, of costly searches in a few."""
+    if entry.name == "paper":
+        return {} if generator.random() < 0.02 else _draw_paper_options(generator, entry.planner, problem)
     if generator.random() < 0.5 or not entry.promises:
         return {}
     joints, several = isinstance(problem.target, FixedJoints), problem.arm.n_joints > 1
@@ -95,6 +97,24 @@ def draw_options(generator: np.random.Generator, entry: capabilities.Variant, pr
         case "trapezoid", _:
             return {"contact": contact}
     return {}
+
+
+def _draw_paper_options(generator: np.random.Generator, planner: str, problem: MotionProblem) -> dict[str, Any]:
+    """Options of a paper's method: smaller grids and longer periods than the paper's own, which take longest."""
+    flag, share = bool(generator.integers(0, 2)), float(generator.uniform(0.0, 1.0))
+    match planner:
+        case "dpct":
+            return {"grid": (int(generator.integers(10, 60)), int(generator.integers(20, 120)))}
+        case "lagrange":
+            given: dict[str, Any] = {"clamped": flag, "steps": int(generator.integers(10, 100))}
+            if share < 0.7:
+                return given | {"nodes": int(generator.integers(2, 5))}
+            grid = [generator.uniform(-16.0, 16.0, int(generator.integers(1, 12))) for _ in problem.q]
+            return given | {"method": "polynomial", "degree": int(generator.integers(1, 4)) + 2 * flag, "grid": grid}
+        case _:
+            given = {"square": flag, "distance": str(generator.choice(["table", "static"]))}
+            given |= {"period": min(0.02 * (0.05 + share), problem.horizon / 2.0), "tolerance": 1e-3 * (1.0 + share)}
+            return given | {"norm": float(generator.choice([1.0, 2.0, 4.0, math.inf]))}
 
 
 def _arm(generator: np.random.Generator, n: int, takes: capabilities.Takes) -> Arm:

@@ -90,8 +90,12 @@ def _broken_limits(
         limit, value = limits.array(kind), np.abs(values[kind])
         if not np.isfinite(limit).any():
             continue
-        rounding = _jerk_rounding(motion, t, qdd)[~starts_piece] / limit if kind == "jerk" else 0.0
-        ratio = float((value / limit - rounding).max(initial=0.0))
+        rounding: Array | float = 0.0
+        if kind == "jerk":
+            rounding = _jerk_rounding(motion, t, qdd)[~starts_piece]
+        elif kind == "torque":
+            rounding = _torque_rounding(problem, qd)
+        ratio = float(((value - rounding) / limit).max(initial=0.0))
         if kind == "jerk":
             ratio = max(ratio, float((means / limit).max(initial=0.0)))
         said = motion.limit_ratios[kind]
@@ -107,17 +111,26 @@ def _broken_limits(
     return found
 
 
+def _torque_rounding(problem: MotionProblem, qd: Array) -> Array:
+    """How much of the torques is rounding, ``(times, 1)``, N m: centripetal forces cancel in the torque of a link."""
+    arm = problem.arm
+    moment = (sum(arm.masses) + problem.payload) * arm.reach**2
+    rounding: Array = 8.0 * np.finfo(float).eps * moment * np.abs(np.cumsum(qd, axis=1)).max(axis=1, keepdims=True) ** 2
+    return rounding
+
+
 def _jerk_rounding(motion: Trajectory, t: Array, qdd: Array) -> Array:
     """How much of the jerk in each interval of ``t`` is rounding, ``(intervals, 1)``, rad/s^3.
 
     Accelerations have a relative rounding. Between two samples they come from a quintic through the angles there, whose
-    rounding it divides by the square of the samples' distance (times at most 60); across samples this part is absent.
+    rounding it divides by the square of the samples' distance (times at most 60, for each of the two); across samples
+    this part is absent.
     """
     h = np.maximum(np.diff(t), 1e-12)
     after = np.searchsorted(motion.t, t[:-1], side="right").clip(1, len(motion.t) - 1)
     apart = np.maximum(np.diff(motion.t)[after - 1], h)
     angles = np.abs(motion.q).max() + motion.duration * np.abs(motion.qd).max()
-    quintic = np.where(apart > 1.000001 * h, 60.0 * np.finfo(float).eps * angles / apart**2, 0.0)
+    quintic = np.where(apart > 1.000001 * h, 120.0 * np.finfo(float).eps * angles / apart**2, 0.0)
     rounding: Array = (1e-9 * np.abs(qdd).max() + quintic) / h
     return rounding[:, None]
 
