@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.experts.jerks import JerkCommands
+from envs.experts.commands import NominalCommands
 from envs.observation import Observation
+from envs.physics.actuation import CONTROL_MODES
 from envs.task import Task
 from envs.uncertainty.draw import DRAWN, ends
 from planners import JointLimits
@@ -40,9 +41,6 @@ def careful(limits: JointLimits, acceleration: float = CAREFUL["acceleration"]) 
     return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
 
 
-MODES = "torque", "jerk"
-"""Control modes that have robust tracking."""
-
 _MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
 """What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
 acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
@@ -57,7 +55,7 @@ class RobustState:
         memory: of the observer, a row an environment.
         points: of the filter of each kind of points that a camera sees.
         due: control periods left at the next observation, ``(num_envs,)``.
-        jerks: of the commands in jerk mode, ``(num_envs, 2, n)``; see `JerkCommands.follow`.
+        jerks: of the commands in jerk mode, ``(num_envs, 2, n)``; see `NominalCommands.follow`.
     """
 
     expert: Any
@@ -72,12 +70,12 @@ class RobustTracking:
 
     The expert observes joints, and what moves besides, as they are estimated for the time at which its action reaches
     the joints, and the time left from then on, less than a period short. Its accelerations become torques of the
-    estimated arm, or the jerks of `JerkCommands`. The settings say how uncertain each number is (a single number counts
-    as a standard deviation around the nominal arm), the latency or its range, and the noise; what was drawn is
+    estimated arm, or the actions of `NominalCommands`. The settings say how uncertain each number is (a single number
+    counts as a standard deviation around the nominal arm), the latency or its range, and the noise; what was drawn is
     estimated.
 
     Args:
-        task: the environment's task, in a control mode of `MODES`.
+        task: the environment's task, in a control mode of `CONTROL_MODES`.
 
     Attributes:
         unknown_arm: whether masses or friction are uncertain.
@@ -99,8 +97,8 @@ class RobustTracking:
         }
         self._scale = task.arm.limits.array("torque")
         self.unknown_arm = task.uncertainty.own_bodies or far["viscous_friction"] + far["coulomb_friction"] > 0.0
-        jerks = config.control_mode == "jerk"
-        noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest or jerks)
+        indirect, self._jerks = config.control_mode != "torque", config.control_mode == "jerk"
+        noisy = task.uncertainty.noisy and (self.unknown_arm or soonest < latest or self._jerks)
         friction = np.array([_expected(config.viscous_friction), _expected(config.coulomb_friction)])
         strength = task.arm.limits.array("torque")[0] / task.arm.chain_constants[0].sum()
         self._observer = ArmObserver(
@@ -118,17 +116,15 @@ class RobustTracking:
                 likely_friction=tuple(friction[:, 0].tolist()),
             ),
         )
-
-        self._jerks = None
-        if jerks:
-            own = task.arm.limits
-            self._jerks = JerkCommands(task, self.careful(own) if self.unknown_arm else own)
+        own = task.arm.limits
+        within = self.careful(own) if self.unknown_arm else own
+        self._commands = NominalCommands(task, within) if indirect else None
 
     @staticmethod
     def wanted(task: Task) -> bool:
         """Whether the settings declare an uncertainty that robust tracking knows; a known payload is none."""
         entries = {entry.name for entry in task.layout.entries}
-        if task.config.control_mode not in MODES or not entries >= _NEEDED:
+        if task.config.control_mode not in CONTROL_MODES or not entries >= _NEEDED:
             return False
         uncertainty = task.uncertainty
         return uncertainty.noisy or any(
@@ -140,7 +136,7 @@ class RobustTracking:
 
     def careful(self, limits: JointLimits) -> JointLimits:
         """The shares of some limits that are left for a motion."""
-        return careful(limits, _CALM if self._task.config.control_mode == "jerk" else CAREFUL["acceleration"])
+        return careful(limits, _CALM if self._jerks else CAREFUL["acceleration"])
 
     @property
     def waiting(self) -> int:
@@ -175,7 +171,7 @@ class RobustTracking:
         estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
         points = self._filtered(seen, before, begins)
         seen["joint_position"], seen["joint_velocity"] = estimate.q, estimate.qd
-        seen["joint_acceleration"] = estimate.qdd if self._jerks is None else jerks[:, 0]
+        seen["joint_acceleration"] = jerks[:, 0] if self._jerks else estimate.qdd
         seen["time_left"] = seen["time_left"] - self.waiting * period
         for name in ("part", "obstacle"):
             if name in seen:
@@ -211,10 +207,10 @@ class RobustTracking:
         ``expert`` is the expert's own new state.
         """
         actions, tau = shares.astype(float), self._scale * shares
-        if self._jerks is not None:
+        if self._commands is not None:
             n = self._observer.n_joints
             now = state.memory[:, :n].copy(), state.memory[:, n : 2 * n].copy()
-            actions, tau = self._jerks.follow(estimate, now, state.jerks, actions)
+            actions, tau = self._commands.follow(estimate, now, state.jerks, actions)
         self._observer.send(state.memory, tau)
         return actions.astype(np.float32), replace(state, expert=expert)
 

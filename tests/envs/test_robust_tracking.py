@@ -163,6 +163,14 @@ def test_settings_without_uncertainty_leave_observations_as_they_are() -> None:
         observation, *_ = plain.step(action)
 
 
+@pytest.mark.parametrize("mode", ["acceleration", "velocity"])
+@pytest.mark.parametrize("level", ["noise", "uncertain"])
+def test_the_belt_is_met_by_accelerations_and_velocities(level: str, mode: str) -> None:
+    settings = {**envs.task_card("ConveyorTrack-v0").levels[level].settings, "control_mode": mode}
+    assert share("ConveyorTrack-v0", "dpct", **settings) >= 5 / 6
+    assert share("ConveyorTrack-v0", "dpct", filtered=False, **settings) <= 1 / 6
+
+
 @pytest.mark.parametrize("name", ["apf", "lagrange"])
 def test_a_part_that_a_camera_sees_with_noise_is_met(name: str) -> None:
     level = envs.task_card("ConveyorTrack-v0").levels["noise"]

@@ -1,4 +1,4 @@
-"""Joint jerks that give an uncertain arm the accelerations that an expert wants."""
+"""Accelerations, jerks or velocities that give an uncertain arm the accelerations that an expert wants."""
 
 from __future__ import annotations
 
@@ -17,45 +17,57 @@ _SMOOTH: tuple[LimitKind, ...] = ("velocity", "acceleration", "jerk")
 _ROUNDS = 2  # of finding the accelerations over a period, which follow from the state half a period ahead
 
 
-class JerkCommands:
-    """From wanted accelerations to the jerks that an environment integrates, for estimated arms.
+class NominalCommands:
+    """From wanted accelerations to commands of the nominal arm, for estimated arms.
 
-    In jerk mode the environment integrates an action to accelerations and finds their torques for the nominal arm, in
-    the state that it measures. Other masses, friction or late torques move the arm otherwise. So the wanted
-    accelerations, integrated here, become the torques of the estimated arm, and those the accelerations of the nominal
-    arm, which are the command.
+    In every control mode but ``"torque"`` the environment makes accelerations of an action and finds their torques for
+    the nominal arm, in the state that it measures. Other masses, friction or late torques move the arm otherwise. So
+    the wanted accelerations become the torques of the estimated arm, and those the accelerations of the nominal arm,
+    which are the command.
 
     Args:
-        task: the environment's task, with ``control_mode="jerk"``.
-        within: limits of the wanted accelerations, and of the jerk that the environment is commanded.
+        task: the environment's task.
+        within: limits of the accelerations that are wanted by jerks, and of the jerk that the environment is commanded.
     """
 
     def __init__(self, task: Task, within: JointLimits) -> None:
         own = task.arm.limits
-        self._period = task.config.control_period
+        self._mode, self._period = task.config.control_mode, task.config.control_period
         self._chain = task.arm.chain_constants
-        self._torque, self._jerk = own.array("torque"), own.array("jerk")
+        self._torque, self._velocity = own.array("torque"), own.array("velocity")
+        self._acceleration, self._jerk = own.array("acceleration"), own.array("jerk")
         self._within = np.array([within.array(kind) for kind in _SMOOTH])
         self._command_limits = np.array([own.array("velocity"), own.array("acceleration"), within.array("jerk")])
 
     def follow(
         self, estimate: Estimate, state: tuple[Array, Array], memory: Array, shares: Array
     ) -> tuple[Array, Array]:
-        """Actions and their torques, N m, ``(num_envs, n)`` each, for jerks that are ``shares`` of the limits.
+        """Actions and their torques, N m, ``(num_envs, n)`` each, for actions of an expert, ``shares`` of the limits.
 
         Args:
             estimate: of arms and of the state in which the action reaches the joints.
             state: estimated angles and velocities now, ``(num_envs, n)`` each.
-            memory: accelerations so far, ``(num_envs, 2, n)``, rad/s^2, renewed in place: those that were wanted, as
-                far as the limits of the command allow, and those that the environment was commanded.
+            memory: for jerks, accelerations so far, ``(num_envs, 2, n)``, rad/s^2, renewed in place: those that were
+                wanted, as far as the limits of the command allow, and those that the environment was commanded.
             shares: ``(num_envs, n)``.
         """
-        wanted, commanded = memory[:, 0].copy(), memory[:, 1].copy()
-        _change(estimate.qd, shares * self._jerk * self._period, self._period, self._within, wanted)
+        if self._mode == "jerk":
+            wanted, commanded = memory[:, 0].copy(), memory[:, 1].copy()
+            _change(estimate.qd, shares * self._jerk * self._period, self._period, self._within, wanted)
+        elif self._mode == "velocity":
+            wanted = (shares * self._velocity - estimate.qd) / self._period
+        else:
+            wanted = shares * self._acceleration
         nominal = self._nominal(*state, estimate.held_torque(wanted, self._period), wanted)
-        _change(state[1], nominal - commanded, self._period, self._command_limits, commanded)
-        actions = (commanded - memory[:, 1]) / (self._jerk * self._period)
-        memory[:, 0], memory[:, 1] = wanted + (commanded - nominal), commanded
+        if self._mode == "jerk":
+            _change(state[1], nominal - commanded, self._period, self._command_limits, commanded)
+            actions = (commanded - memory[:, 1]) / (self._jerk * self._period)
+            memory[:, 0], memory[:, 1] = wanted + (commanded - nominal), commanded
+        else:
+            commanded = np.clip(nominal, -self._acceleration, self._acceleration)
+            actions = commanded / self._acceleration
+            if self._mode == "velocity":
+                actions = (state[1] + self._period * commanded) / self._velocity
         tau = inverse_dynamics(*self._chain, *self._half(*state, commanded), commanded)
         return actions, np.clip(tau, -self._torque, self._torque)
 
