@@ -19,8 +19,13 @@ from planners.typing import Array
 PARTS, MIDDLE_FIRST = 4, (2, 1, 3)
 """Parts of an interval between two samples at whose ends torque is evaluated, and these ends in their order."""
 
-HALFWAY = np.array([[35, 140, -70, 28, -5], [-5, 60, 90, -20, 3], [3, -20, 90, 60, -5], [-5, 28, -70, 140, 35]]) / 128.0
-"""Lagrange weights of the five torques in the middle of each part, ``(PARTS, PARTS + 1)``."""
+_WEIGHTS = [[0, 0, 24, 0, 0], [2, -16, 0, 16, -2], [-1, 16, -30, 16, -1], [-2, 4, 0, -4, 2], [1, -4, 6, -4, 1]]
+QUARTIC = np.array(_WEIGHTS) / 24.0
+"""Coefficients of the polynomial through the five torques: for each power of the place, in parts from the middle of the
+interval, the weights of the torques, ``(5, 5)``."""
+
+ROUNDS = 5
+"""Places at which the polynomial is evaluated on the way, by Newton's method, to where it turns."""
 
 JUMP = 1e-9
 """Difference of two accelerations at the same time, relative to the largest, that is rounding."""
@@ -32,8 +37,7 @@ BLURRED = 1e-8
 """Rounding of an acceleration between two samples, relative to the largest, above which torques count as blurred."""
 
 CUT = 3.2
-"""Error of the polynomial (`HALFWAY`), as a multiple of what is cut off: 1 + the sum of the magnitudes of its weights.
-"""
+"""Error of the polynomial, as a multiple of what is cut off: 1 + the sum of the magnitudes of the torques' weights."""
 
 TORQUE, VELOCITY, ACCELERATION, JERK, ANGLE = range(5)
 
@@ -117,7 +121,7 @@ def _loads(
                 _raise(ratios, joints, times, kind, j, t[i], abs(value) / limits[kind, j])
     if not (torques or jerks):
         return ratios, joints, times
-    point, inner, fine = np.empty((3, n)), np.empty((PARTS + 1, n)), np.empty(2 * PARTS + 1)
+    point, inner, quartic = np.empty((3, n)), np.empty((PARTS + 1, n)), np.empty(PARTS + 1)
     blur, mass = np.empty(n), np.empty((n, n))
     for i in range(samples - 1):
         h = t[i + 1] - t[i]
@@ -132,12 +136,9 @@ def _loads(
                     doubtful = k != PARTS // 2 or blurred or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
             if doubtful:
                 for j in range(n):
-                    for k in range(PARTS):
-                        fine[2 * k], fine[2 * k + 1] = inner[k, j], _quartic(k, inner, j)
-                    fine[2 * PARTS] = inner[PARTS, j]
-                    for k in range(1, 2 * PARTS):  # the peak of a parabola through three neighbours
-                        peak = fine[k] + _rise(fine[k - 1], fine[k], fine[k + 1])
-                        load = (max(abs(peak), abs(fine[k])) + blur[j]) / limits[TORQUE, j]
+                    _fit_quartic(inner, j, quartic)
+                    for k in range(1, 2 * PARTS):
+                        load = (_peak(0.5 * k - 0.5 * PARTS, quartic) + blur[j]) / limits[TORQUE, j]
                         _raise(ratios, joints, times, TORQUE, j, t[i] + 0.5 * k / PARTS * h, load)
         if jerks:
             for j in range(n):
@@ -199,12 +200,29 @@ def _torque_blur(
 
 
 @private
-def _quartic(part: int, inner: Array, joint: int) -> float:
-    """Torque in the middle of a part of an interval, on the polynomial of degree 4 through all five that are known."""
-    middle = 0.0
-    for k in range(PARTS + 1):
-        middle += HALFWAY[part, k] * inner[k, joint]
-    return middle
+def _fit_quartic(inner: Array, joint: int, quartic: Array) -> None:
+    """Write the coefficients of the polynomial through a joint's five torques to ``quartic``; see `QUARTIC`."""
+    for power in range(PARTS + 1):
+        quartic[power] = 0.0
+        for k in range(PARTS + 1):
+            quartic[power] += QUARTIC[power, k] * inner[k, joint]
+
+
+@private
+def _peak(place: float, quartic: Array) -> float:
+    """Largest |torque| at a place, and where the polynomial turns within half a part of it."""
+    at, value = place, 0.0
+    for _ in range(ROUNDS):
+        torque = slope = bend = 0.0
+        for power in range(PARTS, -1, -1):
+            bend = at * bend + 2.0 * slope
+            slope = at * slope + torque
+            torque = at * torque + quartic[power]
+        value = max(value, abs(torque))
+        if bend == 0.0:
+            break
+        at = min(place + 0.5, max(place - 0.5, at - slope / bend))
+    return value
 
 
 @private
@@ -245,12 +263,3 @@ def _raise(
         ratio = np.inf
     if ratio > ratios[kind]:
         ratios[kind], joints[kind], times[kind] = ratio, joint, time
-
-
-@private
-def _rise(left: float, middle: float, right: float) -> float:
-    """How far the vertex of a parabola lies above (or below) its middle value; 0 where it is not between the three."""
-    curvature, slope = 2.0 * middle - left - right, right - left
-    if curvature == 0.0 or abs(slope) > 2.0 * abs(curvature):
-        return 0.0
-    return float(slope * slope / (8.0 * curvature))

@@ -164,6 +164,18 @@ class TestLimitRatios:
         jerk = np.abs(np.diff(motion.at(dense)[2], axis=0)) / dense[1]
         assert jerk.max() <= motion.limit_ratios["jerk"] * (1.0 + 1e-6)
 
+    def test_that_of_torque_is_the_peak_between_samples(self) -> None:
+        """Between two samples, with constant jerk, the torque of a fast arm rises and falls."""
+        t, limits = np.array([0.0, 0.02]), np.array([90.0, 20.0])
+        s = t[:, None]
+        for seed in (15, 47, 114, 187, 199, 216, 249, 265):
+            generator = np.random.default_rng(seed)
+            q, qd, qdd, jerk = (size * generator.uniform(-1.0, 1.0, 2) for size in (3.0, 10.0, 100.0, 1e4))
+            rows = q + qd * s + qdd * s**2 / 2 + jerk * s**3 / 6, qd + qdd * s + jerk * s**2 / 2, qdd + jerk * s
+            motion = sampled_trajectory(problem(JointLimits(torque=limits)), t, *rows, planner="test")
+            tau = FREE.inverse_dynamics(*motion.at(np.linspace(0.0, 0.02, 4001)))
+            assert motion.limit_ratios["torque"] == pytest.approx(np.max(np.abs(tau) / limits), rel=2e-6)
+
     def test_no_limit_gives_zero(self) -> None:
         motion = motion_of(UNEVEN, QUINTICS, problem())
         assert set(motion.limit_ratios.values()) == {0.0}
