@@ -145,8 +145,11 @@ class JointLimits:
 
     @property
     def angle_text(self) -> str:
-        """The ranges of the angles for messages, as in "+-2.88, -1 to 2.5 rad"."""
-        ranges = [f"+-{a:.4g}" if isinstance(a, float) else f"{a[0]:.4g} to {a[1]:.4g}" for a in self.angle]
+        """The ranges of the angles for messages, as in "+-2.88, any, -1 to 2.5 rad"."""
+        ranges = [
+            f"{low:.4g} to {high:.4g}" if low != -high else f"+-{high:.4g}" if math.isfinite(high) else "any"
+            for low, high in zip(self.angle_lower.tolist(), self.angle_upper.tolist(), strict=True)
+        ]
         return f"{', '.join(ranges)} rad"
 
     @cached_property

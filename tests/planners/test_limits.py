@@ -64,7 +64,7 @@ def test_an_angle_is_a_number_or_a_pair() -> None:
     np.testing.assert_array_equal(limits.angle_middle, [1.0, 0.0, 0.0, 0.0, -2.0, 6.5])
     np.testing.assert_array_equal(limits.angle_half, [1.5, 2.0, math.inf, 1.0, 1.0, 2.5])
     np.testing.assert_array_equal(limits.array("angle"), limits.angle_half)
-    assert limits.angle_text == "-0.5 to 2.5, +-2, +-inf, +-1, -3 to -1, 4 to 9 rad"
+    assert limits.angle_text == "-0.5 to 2.5, +-2, any, +-1, -3 to -1, 4 to 9 rad"
     assert JointLimits(angle=[(-math.inf, math.inf)]) == JointLimits.unlimited(1)
 
 
