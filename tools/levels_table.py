@@ -4,17 +4,19 @@
 
 stores the shares of success in ``tools/data/levels.json``, in place of those of the same levels, and writes the tables;
 without a file it writes the tables only. The levels of a task are in the order of what its best planner reaches, then
-the second best, and so on.
+the second best, and so on, and then of the share of episodes that anything solves.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tyro
 
 import envs
@@ -28,7 +30,8 @@ PAGE = Path(__file__).parent.parent / "docs" / "benchmark" / "levels.md"
 MARK = "levels"
 
 Scores = Mapping[str, Mapping[str, Any]]
-"""Of each level by its title: ``versions``, and for each policy ``success`` with its interval and ``mode``."""
+"""Of each level by its title: ``versions``, ``known``, the share of episodes that a policy or the search for the best
+known motion solves, and for each policy ``success`` with its interval and ``mode``."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ def scores(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         result["task"]: {
             "versions": document["versions"],
+            "known": _solved(result),
             "policies": {
                 each["policy"]: {
                     "success": each["summary"]["success"],
@@ -62,6 +66,15 @@ def scores(document: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _solved(result: Mapping[str, Any]) -> float:
+    """Share of the episodes that one of the policies solves, or of which a best known motion was found."""
+    solved = np.any([each["episodes"]["is_success"] for each in result["policies"]], axis=0)
+    for name, values in (result["bound"] or {}).items():
+        if name != "seeds":
+            solved[: len(values)] |= np.isfinite([math.inf if value is None else value for value in values])
+    return float(solved.mean())
+
+
 def tables(stored: Scores) -> Iterator[str]:
     """Lines of a Markdown table for each task: levels by policies."""
     for env_id in envs.env_ids():
@@ -72,10 +85,12 @@ def tables(stored: Scores) -> Iterator[str]:
         policies = [policy for policy in _policies(env_id) if any(policy in row for row in rows.values())]
         modes = {policy: {row[policy]["mode"] for row in rows.values() if policy in row} for policy in policies}
         heads = [f"{policy} ({mode})" if (mode := _only(modes[policy])) else policy for policy in policies]
-        yield from ("", f"### {env_id}", "", f"| level | | {' | '.join(heads)} |", "|---" * (2 + len(policies)) + "|")
-        for name in sorted(rows, key=lambda name: _reached(rows[name]), reverse=True):
+        yield from ("", f"### {env_id}", "", f"| level | | {' | '.join(heads)} | best known |")
+        yield "|---" * (3 + len(policies)) + "|"
+        known = {name: stored[f"{env_id}/{name}"]["known"] for name in rows}
+        for name in sorted(rows, key=lambda name: (*_reached(rows[name]), known[name]), reverse=True):
             cells = [_cell(rows[name].get(policy), _only(modes[policy])) for policy in policies]
-            yield f"| `{name}` | {levels[name].meaning} | {' | '.join(cells)} |"
+            yield f"| `{name}` | {levels[name].meaning} | {' | '.join(cells)} | {100.0 * known[name]:.0f} |"
 
 
 def _policies(env_id: str) -> list[str]:

@@ -154,9 +154,18 @@ def run(options: SweepOptions) -> int:
     for record in failed:
         note(f"trial {record.trial.name} failed: {record.error}", "red")
     if code or failed:
-        again = ["planarm", "sweep", "--resume", str(sweep.folder), "--address", options.address]
-        note(f"{'stopped; ' if code else ''}go on: {shlex.join(again)}")
+        note(f"{'stopped; ' if code else ''}go on: {_resume_command(sweep, options)}")
     return code or (1 if failed else 0)
+
+
+def _resume_command(sweep: Sweep, options: SweepOptions) -> str:
+    """The command that goes on with a sweep in the way in which it was run."""
+    words = ["planarm", "sweep", "--resume", str(sweep.folder), "--address", options.address]
+    if options.processors is not None:
+        words += ["--processors", str(options.processors)]
+    if options.retries != SweepOptions.retries:
+        words += ["--retries", str(options.retries)]
+    return shlex.join(words)
 
 
 def trials_table(sweep: Sweep) -> Table:
