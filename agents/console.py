@@ -13,11 +13,21 @@ from types import FrameType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column
 from rich.text import Text
 
 from planners.interrupts import was_interrupted
 
+_REST = 50  # characters of a progress bar beside its description
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended; 143 where SIGTERM did
 
 
@@ -32,6 +42,19 @@ def note(text: str, style: str = "") -> None:
     Console(stderr=True).print(Text(text, style=style), soft_wrap=True)
 
 
+class _Description(TextColumn):
+    """What a progress bar does, cut so that the rest of the line has room."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__("{task.description}", markup=False)
+        self._width = max(_REST // 4, width)
+
+    def render(self, task: Task) -> Text:
+        text = super().render(task)
+        text.truncate(self._width, overflow="ellipsis")
+        return text
+
+
 def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progress:
     """A progress bar on stderr, drawn only where that is a terminal; a ``transient`` one disappears at the end.
 
@@ -40,12 +63,12 @@ def progress_bar(unit: str, *, transient: bool = True, more: str = "") -> Progre
     """
     console = Console(stderr=True)
     columns = (
-        TextColumn("{task.description}", markup=False),
+        _Description(console.width - _REST),
         BarColumn(),
-        MofNCompleteColumn(),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
         TextColumn(unit),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        TimeElapsedColumn(table_column=Column(no_wrap=True)),
+        TimeRemainingColumn(table_column=Column(no_wrap=True)),
         TextColumn(more),
     )
     return Progress(*columns, console=console, transient=transient, disable=not console.is_terminal)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any
 
+import llvmlite.binding as llvm
+
 DISTRIBUTIONS = ("planarm", "numpy", "numba", "scipy", "pymunk", "gymnasium")
 
 
@@ -17,5 +19,10 @@ def versions(more: Sequence[str] = ()) -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """The operating system, and the kind and number of processors."""
-    return {"system": platform.platform(), "processor": platform.machine(), "cpus": os.cpu_count()}
+    """The operating system, and the kind, model and number of processors."""
+    return {"system": platform.platform(), "processor": platform.machine(), "cpu": cpu(), "cpus": os.cpu_count()}
+
+
+def cpu() -> str:
+    """The model of the processor, as LLVM names it."""
+    return str(llvm.get_host_cpu_name())

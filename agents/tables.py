@@ -67,8 +67,11 @@ class Table:
         console, explained = console or Console(), set() if explained is None else explained
         full = self if self.legend in explained else replace(self, caption=f"{self.legend} {self.caption}".strip())
         if not console.is_terminal or markdown:
-            unbroken = Console(file=console.file, width=_MARKDOWN_WIDTH)
+            text = io.StringIO()
+            unbroken = Console(file=text, width=_MARKDOWN_WIDTH)
             full._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+            lines = "\n".join(line.rstrip() for line in text.getvalue().strip().splitlines())
+            console.print(Text(f"{lines}\n"), soft_wrap=True)
         elif self.foremost and not wide:
             fitting = self._fitting(console)
             fitting._print(console, self.title, fitting._rich(box.SIMPLE_HEAD, narrow=True))
@@ -80,7 +83,7 @@ class Table:
     def __str__(self) -> str:
         text = io.StringIO()
         self.show(Console(file=text, force_terminal=False))
-        return "\n".join(line.rstrip() for line in text.getvalue().strip().splitlines()) + "\n"
+        return text.getvalue().strip() + "\n"
 
     def _fitting(self, console: Console) -> Table:
         """The table with as many columns as fit, at least one beside the text, and a caption that names the others."""

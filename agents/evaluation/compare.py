@@ -92,7 +92,8 @@ def comparison(env_id: str, pairs: Sequence[Pair]) -> Table:
         rows,
         legend=legend,
         foremost=(headers[-3] if metric else "return", "better (%)"),
-        brief="The first policy minus the second, on the same episodes, with 95 % intervals.",
+        brief="The first policy minus the second, on the same episodes, with 95 % intervals. An episode without "
+        "success counts as infinitely bad.",
     )
 
 

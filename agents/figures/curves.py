@@ -42,6 +42,7 @@ def draw_curves(groups: Mapping[str, Sequence[Curve]], metrics: Sequence[Metric]
             _draw_group(axes, label, curves, metric, against, color)
         _draw_experts(axes, everything, metric)
         _finish(axes, metric, against)
+        _say_never(axes, everything, metric)
         if any(np.isinf(curve.columns[metric.key]).any() for curve in everything):
             axes.set_title(f"{metric.title}; gaps: never", fontsize=10)
     text = f"{everything[0].config.env_id}. Thin: each seed; thick: their median; shaded: from minimum to maximum."
@@ -95,6 +96,13 @@ def _draw_experts(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
             axes.axhline(
                 level, color=ink, linestyle="--", linewidth=1.1, label="" if number else f"best expert: {names}"
             )
+
+
+def _say_never(axes: Axes, curves: Sequence[Curve], metric: Metric) -> None:
+    """Write into a panel without a finite value that there is none."""
+    if not any(np.isfinite(curve.columns[metric.key]).any() for curve in curves):
+        axes.text(0.5, 0.5, "never", transform=axes.transAxes, ha="center", fontsize=10)
+        axes.set_yticks([])
 
 
 def _finish(axes: Axes, metric: Metric, against: str) -> None:

@@ -62,6 +62,9 @@ class Agent:
         if not isinstance(hidden, (list, tuple)) or len(hidden) > _MOST_LAYERS:
             raise ValueError(f"hidden {hidden!r:.80} of an agent must list the widths of at most {_MOST_LAYERS} layers")
         _check_tensors(self.tensors, len(hidden) + 1, squashed=self.squashed, normalized=self.normalized)
+        widths = [self.tensors[f"layer{layer}.bias"].size for layer in range(len(hidden))]
+        if list(hidden) != widths:
+            raise ValueError(f"hidden {hidden!r:.80} of an agent are not the widths of its layers, {widths}")
 
     @property
     def env_id(self) -> str:

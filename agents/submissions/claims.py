@@ -7,13 +7,12 @@ import math
 import platform
 from collections.abc import Iterator
 
-import llvmlite.binding as llvm
 import numpy as np
 
 from agents.evaluation.results import Evaluation
 from agents.evaluation.scoreboard import Scoreboard
 from agents.evaluation.summarise import card_of, summarise
-from agents.provenance import versions
+from agents.provenance import cpu, versions
 from agents.submissions.card import Claim, Claims
 
 ROUNDING = 1e-5
@@ -59,7 +58,7 @@ def claim_of(evaluation: Evaluation) -> Claim:
 def this_platform() -> dict[str, str]:
     """What decides how numbers are rounded here: system, processor and its model, and the libraries."""
     libraries = {name: version for name, version in versions().items() if name != "python"}
-    here = {"system": platform.system(), "processor": platform.machine(), "cpu": str(llvm.get_host_cpu_name())}
+    here = {"system": platform.system(), "processor": platform.machine(), "cpu": cpu()}
     return {**here, **libraries}
 
 
@@ -92,7 +91,10 @@ def agreement(claimed: Claims | None, scored: Claims) -> str:
                 f"the claimed numbers do not come out, beyond what the rounding of another platform changes "
                 f"({', '.join(changed)}): {_joined(differing)}"
             )
-        return f"come out to {ROUNDING:g} on another platform than the claimed one ({', '.join(changed)})"
+        return (
+            f"come out to {ROUNDING:g} on another platform than the claimed one ({', '.join(changed)}), so that their "
+            "digests are not confirmed"
+        )
     return "come out to the bit"
 
 

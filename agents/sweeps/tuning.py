@@ -57,6 +57,9 @@ def run_trials(results: SweepResults, heard: Callable[[str], object]) -> None:
             if tasks:
                 _tuner(tasks, results, storage, _recorder(tune, results, heard)).fit()
         finally:
+            for record in records:
+                if record.state == "running":  # interrupted
+                    record.state = "waiting"
             with suppress(OSError):
                 results.write()
             shutil.rmtree(storage, ignore_errors=True)

@@ -74,7 +74,8 @@ def page(env_id: str) -> str:
         ]
     finally:
         env.close()
-    return "\n\n".join(part.strip() for part in parts) + "\n"
+    text = "\n\n".join(part.strip() for part in parts) + "\n"
+    return text.replace("(docs/environments/uncertainty.md)", "([uncertainty](uncertainty.md))")
 
 
 def _at_a_glance(env: Any, card: TaskCard) -> str:

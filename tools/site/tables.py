@@ -9,7 +9,7 @@ from sphinx.application import Sphinx
 
 LONGEST = 45
 """Characters of a cell in a table of figures."""
-_NUMBER = re.compile(r"[-+<]?\.?\d")
+_NUMBER = re.compile(r"[-+<]?\.?\d|[-+]inf|never$")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
