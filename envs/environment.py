@@ -208,6 +208,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def set_state(self, state: State) -> None:
         """Continue from what `get_state` returned, here or in another environment with the same settings.
 
+        An episode that has lasted for the ``max_episode_steps`` of this environment, or longer, is over here.
+
         Raises:
             ValueError: for anything else, with what differs; nothing has changed then.
         """
@@ -217,6 +219,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._np_random = set_generator(self.np_random, episodes.randoms[0])
         self._np_random_seed = episodes.seed
         self._begun, (self._needs_reset,) = episodes.begun, episodes.over
+        self._needs_reset |= 0 < self._cut_after <= int(self._env["step"])
         (self._camera.trail,) = episodes.trails
         time_limit = self._time_limit()
         if time_limit is not None:

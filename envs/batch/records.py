@@ -24,7 +24,12 @@ KERNELS = "_kernel"
 def make_records(count: int, fields: Fields) -> Records:
     """An array of records, zeroed, whose fields with addresses come first."""
     ordered = sorted(fields, key=lambda field: field[0] not in PRIVATE)
-    return np.zeros(count, np.dtype(ordered, align=True))
+    kind = np.dtype(ordered, align=True)
+    try:
+        return np.zeros(count, kind)
+    except (MemoryError, ValueError):  # the second for numbers beyond what an array may have
+        size = count * kind.itemsize / 2**30
+        raise MemoryError(f"{count} environments need {size:.4g} GiB, more than there is: ask for fewer") from None
 
 
 def first_public_byte(records: Records) -> int:

@@ -109,6 +109,20 @@ def test_the_time_limit_of_gymnasium_goes_back_with_the_state() -> None:
         assert cut == [False, False, False, True]
 
 
+def test_a_state_beyond_the_time_limit_is_of_an_episode_that_is_over() -> None:
+    state = moved(made("ConveyorTrack-v0"), steps=4).unwrapped.get_state()
+    for limit in (3, 4):
+        env = made("ConveyorTrack-v0", max_episode_steps=limit)
+        env.reset()
+        env.unwrapped.set_state(state)
+        with pytest.raises(gym.error.ResetNeeded, match="over"):
+            env.step(np.zeros(2))
+        many = made("ConveyorTrack-v0", 1, max_episode_steps=limit, autoreset_mode="Disabled")
+        many.set_state(state)
+        with pytest.raises(gym.error.ResetNeeded, match="over"):
+            many.step(np.zeros((1, 2), np.float32))
+
+
 def test_trails_in_pictures_are_kept() -> None:
     pytest.importorskip("pygame", reason='needs pip install "planarm[viz]"')
     env, other = (made("ConveyorTrack-v0", render_mode="rgb_array") for _ in range(2))
