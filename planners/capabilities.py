@@ -64,6 +64,8 @@ class Takes:
             return f"takes {_listed(self.links)} links, and {problem.arm.name} has {n}"
         if isinstance(problem.target, MovingHand) and problem.target.acceleration.any() and not self.accelerating:
             return "follows a target of constant velocity only"
+        if n < 3 and isinstance(problem.target, FixedHand) and problem.target.orientation is not None:
+            return f"goes without an orientation: {n} link{'s'[: n - 1]} cannot choose that of the hand; leave it out"
         for kind in LIMIT_KINDS:
             finite = np.isfinite(limits.array(kind))
             if kind in self.needs and not finite.all():

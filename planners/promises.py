@@ -8,6 +8,7 @@ import numpy as np
 
 from planners.checks import rounded_up
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
+from planners.robot.kinematics import wrap
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import Trajectory
 from planners.typing import Array
@@ -99,12 +100,17 @@ def _late(motion: str, horizon: float, arrival: float) -> Infeasible:
 
 
 def target_error(problem: MotionProblem, trajectory: Trajectory) -> tuple[float, str]:
-    """Largest distance from the target, with its unit: at the end, or from the rendezvous on for a moving one."""
+    """Largest distance from the target, with its unit: at the end, or from the rendezvous on for a moving one.
+
+    Of a hand with an orientation, the larger number of the two.
+    """
     target, arm = problem.target, problem.arm
     if isinstance(target, FixedJoints):
         return float(np.abs(trajectory.q[-1] - target.q).max()), "rad"
     if isinstance(target, FixedHand):
-        return float(np.hypot(*(arm.forward_kinematics(trajectory.q[-1]) - target.position))), "m"
+        away = float(np.hypot(*(arm.forward_kinematics(trajectory.q[-1]) - target.position)))
+        turn = 0.0 if target.orientation is None else abs(float(wrap(trajectory.q[-1].sum() - target.orientation)))
+        return (turn, "rad") if turn > away else (away, "m")
     return farthest(trajectory, target, min(trajectory.rendezvous_time, trajectory.duration))[0], "m"
 
 

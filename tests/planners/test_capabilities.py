@@ -184,3 +184,30 @@ def test_the_top_level_plan_takes_a_planner_that_can() -> None:
         planners.plan(replace(parked, obstacles=(disc,), horizon=0.2))
     upright = replace(PLANAR_3R, gravity=9.81)
     assert planners.plan(move(upright, PLANAR_3R.limits)).limit_ratio <= 1.0 + 1e-6
+
+
+HAND_VARIANTS = [key for key, entry in VARIANTS.items() if "hand" in entry.takes]
+
+
+@pytest.mark.parametrize(("planner", "variant"), HAND_VARIANTS)
+@pytest.mark.parametrize("n", [1, 2])
+def test_an_orientation_that_the_arm_cannot_choose_is_refused(planner: str, variant: str, n: int) -> None:
+    arm = Arm("chain", [0.25] * n, [1.0] * n, limits=SCARA_50CM.limits.for_joints(2) if n == 2 else None)
+    problem = MotionProblem(arm, np.full(n, 0.3), FixedHand(arm.forward_kinematics(np.full(n, 0.6)), -3.0), 5.0)
+    with pytest.raises(ValueError, match="cannot choose that of the hand; leave it out|takes 2 links"):
+        planners.plan(problem, planner, variant)
+
+
+def test_a_motion_that_ends_with_another_orientation_is_refused() -> None:
+    start, goal = np.full(3, 0.3), np.array([0.6, 0.7, 0.9])
+    hand = PLANAR_3R.forward_kinematics(goal)
+    motion = dpct.plan(MotionProblem(PLANAR_3R, start, FixedHand(hand, float(goal.sum())), 4.0))
+    other = replace(motion.problem, target=FixedHand(hand, float(goal.sum()) + 0.5))
+    turned = replace(other, target=FixedHand(hand, float(goal.sum()) + 2.0 * np.pi))
+    assert target_error(other, motion) == (pytest.approx(0.5), "rad")
+    assert target_error(turned, motion)[0] < 1e-6
+    with pytest.raises(Infeasible, match=r"ends 0\.5 rad from the target"):
+        require_solved("x", other, motion, 1e-6, "")
+    promising = VARIANTS["dpct", "optimal"]
+    assert broken_promises(turned, motion, promising) == []
+    assert "ends 0.5 from the target" in broken_promises(other, motion, promising)

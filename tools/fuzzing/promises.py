@@ -144,6 +144,8 @@ def _broken_ends(problem: MotionProblem, motion: Trajectory, precision: float, t
         error = float(np.abs(q[-1] - target.q).max())
     elif isinstance(target, FixedHand):
         error = float(np.hypot(*(hands(arm, q[-1:])[0] - target.position)))
+        if target.orientation is not None:
+            error = max(error, abs(math.remainder(float(q[-1].sum()) - target.orientation, math.tau)))
     else:
         riding = t >= motion.rendezvous_time
         error = float(np.hypot(*(hands(arm, q[riding]) - target.at(t[riding])[0]).T).max(initial=0.0))
