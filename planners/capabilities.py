@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
 import numpy as np
 
-from planners.checks import require_choice
+from planners.checks import brief, require_choice
 from planners.interrupts import plain_interrupts
 from planners.options import checked_options
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
-from planners.promises import require_solved, require_within_limits
+from planners.promises import require_solved, require_start, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
-from planners.trajectory import NoMotion, Trajectory
+from planners.trajectory import NoMotion, Trajectory, sampled_trajectory
 
 TargetKind = Literal["joints", "hand", "moving hand"]
 TARGETS: dict[type, TargetKind] = {FixedJoints: "joints", FixedHand: "hand", MovingHand: "moving hand"}
@@ -142,10 +142,11 @@ def variant(
 ) -> Callable[[Callable[P, Trajectory]], Callable[P, Trajectory]]:
     """Declare a function of a problem as a variant of a planner.
 
-    A problem that it does not take is a ValueError at once. A motion that breaks a limit, touches an obstacle, is not
-    continuous or misses the target is Infeasible, unless the variant promises nothing. Two options that a variant may
-    have change this: ``checked=False`` returns whatever was planned, and ``contact="delay"`` also motions that touch an
-    obstacle or end elsewhere, for planning again before they do.
+    A problem that it does not take is a ValueError at once, and a result that is no Trajectory a TypeError. A motion
+    of another problem than the one asked is measured again. One that begins elsewhere, breaks a limit, touches an
+    obstacle, is not continuous or misses the target is Infeasible, unless the variant promises nothing. Two options
+    that a variant may have change this: ``checked=False`` returns whatever was planned, and ``contact="delay"`` also
+    motions that touch an obstacle or end elsewhere, for planning again before they do.
     """
 
     def declare(function: Callable[P, Trajectory]) -> Callable[P, Trajectory]:
@@ -156,8 +157,9 @@ def variant(
                 raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
             _require_taken(declared, problem)
             with plain_interrupts(), _finite_arithmetic(declared):
-                trajectory = function(*args, **checked_options(function, kwargs))
+                trajectory = _of_problem(declared, problem, function(*args, **checked_options(function, kwargs)))
             if promises and kwargs.get("checked", True):
+                require_start(str(declared), trajectory, turned=kwargs.get("elbow", "start") != "start")
                 require_within_limits(str(declared), trajectory)
                 if kwargs.get("contact") != "delay":
                     precision = takes[TARGETS[type(problem.target)]].precision
@@ -183,7 +185,15 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
 
     Raises:
         ValueError: if planarm itself has a planner of this name, or the name is not an identifier.
+        TypeError: if ``plan`` cannot be called, or ``takes`` does not map kinds of target to `Takes`.
     """
+    if not callable(plan):
+        raise TypeError(f"the planner {name} is {brief(plan)}; give a function of a MotionProblem")
+    if takes is not None and not (isinstance(takes, Mapping) and set(takes) <= set(TARGETS.values())):
+        raise TypeError(f"takes {brief(takes)} of {name} must map {_listed(map(repr, TARGETS.values()))} to Takes")
+    for kind, taken in (takes or {}).items():
+        if not isinstance(taken, Takes):
+            raise TypeError(f"takes of {name} has {brief(taken)} for {kind!r}; write Takes(...)")
     if not name.isidentifier():
         raise ValueError(f"planner name {name!r} must be an identifier, such as my_planner")
     if name in OWN:
@@ -285,6 +295,16 @@ def _require_taken(declared: Variant, problem: MotionProblem) -> None:
         able = [str(other) for other in _able(problem)]
         advice = f"{', '.join(able)} can" if able else "no variant can"
         raise ValueError(f"{declared} {objection}; {advice}")
+
+
+def _of_problem(declared: Variant, problem: MotionProblem, motion: Any) -> Trajectory:
+    """What a variant has returned, measured for the problem that was asked."""
+    if not isinstance(motion, Trajectory):
+        raise TypeError(f"{declared} returned {brief(motion)}; a planner returns a Trajectory or raises Infeasible")
+    if motion.problem is problem or motion.problem == problem:
+        return motion
+    kept = {name: getattr(motion, name) for name in ("planner", "cost", "rendezvous_time", "rides_until")}
+    return sampled_trajectory(problem, motion.t, motion.q, motion.qd, motion.qdd, **kept)
 
 
 @contextmanager

@@ -16,6 +16,9 @@ from planners.typing import Array
 EXCESS = 1e-6
 """Excess of a limit, as a fraction of it, that is rounding."""
 
+BESIDE = 1e-5
+"""Distance from the start, rad or m, that is rounding."""
+
 CONTINUOUS = 1e-3
 """Largest difference, rad, between a sample and where the last one's velocity leads, in a continuous motion."""
 
@@ -26,6 +29,23 @@ CLOSELY = 33
 """Times around the largest distance from a moving target at which it is looked for."""
 
 UNITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "angle": "rad"}
+
+
+def require_start(name: str, trajectory: Trajectory, *, turned: bool) -> None:
+    """Refuse a motion of the planner ``name`` that does not begin at the start.
+
+    ``turned`` allows, for a target of the hand, another posture with the hand in the same place.
+
+    Raises:
+        Infeasible: with reason ``start``.
+    """
+    problem, arm, first = trajectory.problem, trajectory.problem.arm, trajectory.q[0]
+    apart, unit = float(np.abs(first - problem.q).max()), "rad"
+    if turned and not isinstance(problem.target, FixedJoints):
+        apart, unit = float(np.hypot(*(arm.forward_kinematics(first) - arm.forward_kinematics(problem.q)))), "m"
+    if not apart <= BESIDE:
+        message = f"the motion of {name} begins {apart:.4g} {unit} from the start; {BESIDE:.4g} {unit} is allowed"
+        raise Infeasible("start", message, error=apart)
 
 
 def require_within_limits(name: str, trajectory: Trajectory) -> None:

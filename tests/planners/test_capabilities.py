@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +26,7 @@ from planners import (
     Trajectory,
     dpct,
 )
-from planners.capabilities import VARIANTS
+from planners.capabilities import VARIANTS, Takes
 from planners.promises import require_solved, target_error
 from tools.fuzz_planners import Fuzz, Record, run
 from tools.fuzzing.promises import broken_promises
@@ -194,7 +196,7 @@ HAND_VARIANTS = [key for key, entry in VARIANTS.items() if "hand" in entry.takes
 def test_an_orientation_that_the_arm_cannot_choose_is_refused(planner: str, variant: str, n: int) -> None:
     arm = Arm("chain", [0.25] * n, [1.0] * n, limits=SCARA_50CM.limits.for_joints(2) if n == 2 else None)
     problem = MotionProblem(arm, np.full(n, 0.3), FixedHand(arm.forward_kinematics(np.full(n, 0.6)), -3.0), 5.0)
-    with pytest.raises(ValueError, match="cannot choose that of the hand; leave it out|takes 2 links"):
+    with pytest.raises(ValueError, match=r"cannot choose that of the hand; leave it out|takes 2 links"):
         planners.plan(problem, planner, variant)
 
 
@@ -211,3 +213,59 @@ def test_a_motion_that_ends_with_another_orientation_is_refused() -> None:
     promising = VARIANTS["dpct", "optimal"]
     assert broken_promises(turned, motion, promising) == []
     assert "ends 0.5 from the target" in broken_promises(other, motion, promising)
+
+
+def ignoring(problem: MotionProblem) -> Trajectory:
+    """A planner that forgets limits and obstacles."""
+    return planners.quintic.plan(replace(problem, limits=JointLimits().for_joints(2), obstacles=()))
+
+
+def elsewhere(problem: MotionProblem) -> Trajectory:
+    """A planner that begins in another posture."""
+    return planners.quintic.plan(replace(problem, q=problem.q + 0.1))
+
+
+@pytest.fixture
+def registered() -> Iterator[Callable[..., None]]:
+    yield lambda plan, takes=None: planners.register("stub", plan, takes)
+    VARIANTS.pop(("stub", ""), None)
+
+
+def test_a_motion_is_checked_against_the_problem_that_was_asked(registered: Callable[..., None]) -> None:
+    fast, disc = move(horizon=0.5), Obstacle(SCARA_50CM.forward_kinematics([0.45, 0.6]), np.zeros(2), 0.02)
+    registered(ignoring)
+    motion = planners.plan(fast, "stub")
+    assert motion.problem is fast
+    assert motion.limit_ratio > 1.0
+    registered(ignoring, {"joints": Takes()})
+    with pytest.raises(Infeasible, match=r"limits: the motion of stub takes joint"):
+        planners.plan(fast, "stub")
+    with pytest.raises(Infeasible, match=r"collision: the motion of stub touches"):
+        planners.plan(move(obstacles=(disc,)), "stub")
+    assert planners.plan(move(), "stub").limit_ratio <= 1.0
+    registered(elsewhere, {"joints": Takes()})
+    with pytest.raises(Infeasible, match=r"start: the motion of stub begins 0\.1 rad from the start"):
+        planners.plan(move(), "stub")
+
+
+@pytest.mark.parametrize("result", [None, 3, "motion"])
+def test_a_planner_that_returns_no_motion_is_named(registered: Callable[..., None], result: object) -> None:
+    for takes in (None, {"joints": Takes()}):
+        registered(lambda problem: result, takes)
+        with pytest.raises(TypeError, match=f"stub returned {result!r}; a planner returns a Trajectory"):
+            planners.plan(move(), "stub")
+
+
+@pytest.mark.parametrize(
+    ("plan", "takes", "message"),
+    [
+        (3, None, "the planner stub is 3"),
+        (ignoring, {"joints": 3}, "takes of stub has 3 for 'joints'"),
+        (ignoring, {"joint": Takes()}, "must map 'joints', 'hand' or 'moving hand' to Takes"),
+        (ignoring, 3, "takes 3 of stub must map"),
+    ],
+)
+def test_what_is_no_planner_is_not_registered(plan: Any, takes: Any, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        planners.register("stub", plan, takes)
+    assert ("stub", "") not in VARIANTS
