@@ -77,6 +77,24 @@ def require_vector(name: str, values: tuple[float, ...], length: int, most: floa
     require_all_finite(name, values, most=most)
 
 
+def require_shape(name: str, values: ArrayLike, shape: tuple[int, ...]) -> None:
+    """Raise ValueError if an array does not have the shape: compiled code reads it without looking."""
+    if np.shape(values) != shape:
+        raise ValueError(f"{name} has shape {np.shape(values)}; it must have {shape}")
+
+
+def float_rows(width: int, **given: ArrayLike) -> list[NDArray[np.float64]]:
+    """Contiguous arrays of floats of the named values, all ``(batch, width)`` with the batch of the first.
+
+    Raises:
+        ValueError: if one has another shape.
+    """
+    arrays = [np.ascontiguousarray(values, dtype=float) for values in given.values()]
+    for name, array in zip(given, arrays, strict=True):
+        require_shape(name, array, (arrays[0].shape[0], width))
+    return arrays
+
+
 def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError if an option is none of those allowed."""
     choices = list(allowed)

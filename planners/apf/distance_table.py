@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.checks import require_finite
 from planners.compiled.calls import private
 from planners.problem import ByValue
 from planners.typing import Array
@@ -63,6 +64,8 @@ class DistanceTable(ByValue):
 
     def shift(self, speed: float, direction: float) -> float:
         """delta rho, m, at a relative speed (m/s) and direction (rad, either side): bilinear between the entries."""
+        require_finite("speed", speed, "m/s", "not negative")
+        require_finite("direction", direction, "rad")
         return float(look_up(self.shifts, self.max_speed, speed, direction))
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from planners.checks import float_rows
 from planners.compiled.calls import private
 from planners.control.joint_limits import VELOCITY_SHARE, scale_into_torque
 from planners.robot.arm import Arm
@@ -58,11 +59,11 @@ def reach(arm: Arm, q: Array, qd: Array, goal: Array, time_left: ArrayLike, peri
         velocities or their torques would exceed the limits.
 
     Raises:
-        ValueError: if the period is not positive.
+        ValueError: if the period is not positive, or a shape does not fit.
     """
     if not period > 0.0:
         raise ValueError(f"period {period} s must be positive")
-    q, qd, goal = (np.ascontiguousarray(array, dtype=float) for array in (q, qd, goal))
+    q, qd, goal = float_rows(arm.n_joints, q=q, qd=qd, goal=goal)
     periods = np.maximum(1.0, np.rint(np.broadcast_to(np.asarray(time_left, dtype=float), len(q)) / period))
     out = np.empty_like(q)
     torque, velocity, acceleration = (arm.limits.array(kind) for kind in ("torque", "velocity", "acceleration"))

@@ -27,6 +27,7 @@ from planners.apf.hand_response import (
     response_in,
     velocity_changes,
 )
+from planners.checks import float_rows, require_shape
 from planners.compiled.calls import private
 from planners.control.joint_limits import smooth_bounds
 from planners.robot.arm import Arm, JointLimits
@@ -70,7 +71,8 @@ def approach(
         acceleration and jerk), and within the torque limits as far as these allow.
 
     Raises:
-        ValueError: if the arm does not have two or three links, or period or bandwidth are not positive.
+        ValueError: if the arm does not have two or three links, or period or bandwidth are not positive, or a
+            shape does not fit.
     """
     if arm.n_joints not in (2, 3):
         raise ValueError(f"{arm.name} has {arm.n_joints} links; the field of the hand is for arms with two or three")
@@ -80,9 +82,9 @@ def approach(
     limits = (limits or arm.limits).for_joints(arm.n_joints, arm.name)
     torque, *others = (np.array(getattr(limits, kind)) for kind in ("torque", "velocity", "acceleration", "jerk"))
     model = ArmModel(*arm.chain_constants, arm.length_array, TORQUE_SHARE * torque, *others)
-    q, qd, qdd, *motion = (
-        np.ascontiguousarray(array, dtype=float) for array in (q, qd, qdd, target[0] - arm.base_array, *target[1:])
-    )
+    q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
+    motion = float_rows(2, position=target[0] - arm.base_array, velocity=target[1], acceleration=target[2])
+    require_shape("position", motion[0], (len(q), 2))
     out = np.empty_like(q)
     _approach(model, q, qd, qdd, Target(*motion), period, bandwidth, out)
     return out

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from planners.checks import float_rows
 from planners.compiled.calls import private
 from planners.control.tracking import held_torque, held_torque_single
 from planners.robot.arm import Arm
@@ -109,8 +110,9 @@ def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> A
     """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
 
     ``qdd`` are the desired mean accelerations over the period, ``(batch, n)``, rad/s^2; the result is zero in a row
-    where even zero acceleration exceeds a limit.
+    where even zero acceleration exceeds a limit. A shape that does not fit is a ValueError.
     """
+    q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
     limit = np.array(arm.limits.torque)
     still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
     shares = [_share_of_all(*torques, limit, 1.0) for torques in zip(still, wanted, strict=True)]

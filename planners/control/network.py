@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.checks import require_shape
 from planners.compiled.calls import private
 
 Floats = NDArray[np.float32]
@@ -78,7 +79,12 @@ class Network:
         )
 
     def run(self, observations: Floats) -> Floats:
-        """Outputs ``(rows, outputs)`` for observations ``(rows, size)``."""
+        """Outputs ``(rows, outputs)`` for observations ``(rows, size)``; ValueError for another size."""
+        observations = np.ascontiguousarray(observations, dtype=np.float32)
+        size = int(self.sizes[0]) - self.index.size
+        require_shape("observations", observations, (len(observations), size))
+        if self.index.size and not 0 <= self.index.min() <= self.index.max() < size:
+            raise ValueError(f"fine.index {self.index} must be elements of the {size} of an observation")
         outputs = np.empty((len(observations), int(self.sizes[-1])), np.float32)
         _run(observations, self.index, self.gain, self.sizes, self.weights, self.biases, self.relu, outputs)
         return outputs

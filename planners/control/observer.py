@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.checks import float_rows, require_shape
 from planners.compiled.calls import private
 from planners.control.filtering import correct_by, move_covariance
 from planners.control.tracking import held_torque_rows
@@ -100,8 +101,13 @@ class Estimate:
     late: Array
 
     def held_torque(self, qdd: Array, period: float) -> Array:
-        """Torques ``(batch, n)``, N m, that held for a period (s) give mean accelerations ``qdd`` ``(batch, n)``."""
-        tau: Array = np.empty_like(qdd)
+        """Torques ``(batch, n)``, N m, that held for a period (s) give mean accelerations ``qdd`` ``(batch, n)``.
+
+        Another shape is a ValueError.
+        """
+        require_shape("qdd", qdd, self.q.shape)
+        qdd = np.asarray(qdd, dtype=float)
+        tau = np.empty_like(qdd)
         held_torque_rows(self.coupling, self.weight, self.q, self.qd, qdd, period, tau)
         middle = self.qd + 0.5 * period * qdd
         return tau + self.friction[:, :1] * middle + self.friction[:, 1:] * np.clip(middle / CREEP, -1.0, 1.0)
@@ -155,9 +161,12 @@ class ArmObserver:
     def update(self, memory: Array, starts: NDArray[np.bool_], q: Array, qd: Array) -> Estimate:
         """Follow a period and correct by the samples ``q, qd`` ``(batch, n)``; renews ``memory`` ``(batch, width)``.
 
-        In the rows of ``starts`` ``(batch,)`` an episode begins.
+        In the rows of ``starts`` ``(batch,)`` an episode begins. A shape that does not fit is a ValueError.
         """
+        q, qd = float_rows(self.n_joints, q=q, qd=qd)
         rows, n = q.shape
+        require_shape("memory", memory, (rows, self.width))
+        require_shape("starts", starts, (rows,))
         out, coupling, weight = np.empty((3, rows, n)), np.empty((rows, n, n)), np.empty((rows, n))
         chain = self._coupling, self._weight
         _update(chain, self._known, self._times, self._steps, memory, starts, q, qd, out, coupling, weight)
@@ -167,6 +176,8 @@ class ArmObserver:
     def send(self, memory: Array, tau: Array) -> None:
         """Note in ``memory`` the torques ``(batch, n)`` of a new command, N m."""
         n, first = self.n_joints, self._size * (self._size + 1)
+        require_shape("tau", tau, (len(memory), n))
+        require_shape("memory", memory, (len(memory), self.width))
         memory[:, first + n :] = memory[:, first:-n].copy()
         memory[:, first : first + n] = tau
 
@@ -204,6 +215,8 @@ def _update(
                 x[n + i] = qd[row, i] if moving else 0.0
                 cov[n + i, n + i] = noise[1] ** 2 if moving else LEAST_NOISE[1] ** 2
         else:
+            if not steps[1] <= x[size - 1] <= steps[2]:  # not from here; commands are looked up by it
+                x[size - 1] = 0.5 * (steps[1] + steps[2])
             _predict(chain, most, times, steps, commands, x, cov, qdd)
             _correct(noise, steps, q[row], qd[row], x, cov)
         ahead = x.copy()

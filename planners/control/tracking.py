@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.checks import float_rows
 from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.robot.dynamics import forward_dynamics_single, inverse_dynamics_single, mass_matrix_single
@@ -52,7 +53,11 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     """Torques ``(batch, n)``, N m, that held for a period (s) give the mean accelerations ``qdd`` ``(batch, n)``.
 
     Inverse dynamics half a period ahead, corrected once by the predicted effect of those torques.
+
+    Raises:
+        ValueError: if a shape does not fit.
     """
+    q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
     tau = np.empty_like(q)
     _held_torque(*arm.chain_constants, q, qd, qdd, period, tau)
     return tau

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from planners.checks import float_rows
 from planners.excavator.machine import EXCAVATOR, N_JOINTS, Excavator
 from planners.excavator.newton_euler import Chain, mass_matrix_single, regressor_single, torque_single
 from planners.typing import Array
@@ -24,7 +25,7 @@ INERTIAL_PARAMETERS = 10
 class ChainDynamics:
     """Equations of motion of a chain of ``n`` revolute joints, see :mod:`planners.excavator.newton_euler`.
 
-    States, reference velocities and accelerations are ``(batch, n)`` throughout.
+    States, reference velocities and accelerations are ``(batch, n)`` throughout; other shapes are a ValueError.
     """
 
     frames: Array
@@ -59,10 +60,12 @@ class ChainDynamics:
 
         ``load`` are the inertial parameters of the last link's load, ``(batch, 10)``.
         """
-        return _torque(self.chain, self._load(load, len(q)), q, qd, qd_r, qdd_r)
+        motion = float_rows(self.n_joints, q=q, qd=qd, qd_r=qd_r, qdd_r=qdd_r)
+        return _torque(self.chain, self._load(load, len(motion[0])), *motion)
 
     def mass_matrix(self, q: Array, load: Array | None = None) -> Array:
         """Mass matrices ``(batch, n, n)``, drives included, kg m^2."""
+        (q,) = float_rows(self.n_joints, q=q)
         return _mass_matrix(self.chain, self._load(load, len(q)), q)
 
     @staticmethod
@@ -100,7 +103,8 @@ class PayloadModel:
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
         """Derivative of `torque` by the parameters, ``(batch, n, p)``."""
-        return _regressor(self.dynamics.chain, self.basis, q, qd, qd_r, qdd_r)
+        motion = float_rows(self.n_joints, q=q, qd=qd, qd_r=qd_r, qdd_r=qdd_r)
+        return _regressor(self.dynamics.chain, self.basis, *motion)
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
         """Mass matrices ``(batch, n, n)`` with the payload of ``parameters`` ``(batch, p)``."""

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.checks import require_shape
 from planners.compiled.calls import private
 from planners.excavator.controllers import FARTHEST, HEAVIEST
 from planners.excavator.filter_model import (
@@ -168,7 +169,8 @@ class KalmanComputedTorque:
     ) -> Array:
         """Torques to hold for a period, within the limits, N m: as `planners.control.Controller.torque`."""
         least, most, _ = np.broadcast_arrays(*(within or (-self._limit, self._limit)), q)
-        samples = np.stack([q, qd, q_d, qd_d, qdd_d, least, most])
+        samples = np.stack([q, qd, q_d, qd_d, qdd_d, least, most]).astype(float, copy=False)
+        require_shape("q", q, (self.rows, len(self._limit)))
         tau: Array = np.empty_like(samples[0])
         _torque(self._settings, self._chain, samples, self._memory, tau)
         return tau

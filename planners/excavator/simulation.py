@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.checks import require_shape
 from planners.control import Controller
 from planners.excavator.dynamics import ChainDynamics
 from planners.excavator.motion import Cycle
@@ -81,7 +82,11 @@ class Plant:
         """Advance states and ``applied`` torques, ``(batch, n)``, in place by a period (s) under ``command``.
 
         ``outside`` are joint torques of forces from outside, ``(batch, n)``, N m, held for the period without lag.
+        A shape that does not fit is a ValueError.
         """
+        shape = self.inertia.shape[:2]
+        for name, array in {"q": q, "qd": qd, "applied": applied, "command": command}.items():
+            require_shape(name, array, shape)
         steps = math.ceil(period / STEP - 1e-9)
         arms = (self.frames, self.gravity, self.inertia, self.drives)
         pushes = np.ascontiguousarray(np.broadcast_to(np.asarray(outside, dtype=float), q.shape))

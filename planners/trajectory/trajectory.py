@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import float_array
+from planners.checks import float_array, require_shape
 from planners.problem import ByValue, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import insert_turning_points, interpolate
@@ -49,6 +49,9 @@ class Trajectory(ByValue):
         rendezvous_time: when a moving target is met, or rest at a fixed one reached, s.
         planner: name of the planner and its variant.
         rides_until: until when a moving target could be followed within the limits, s.
+
+    Raises:
+        ValueError: if a shape does not fit.
     """
 
     problem: MotionProblem
@@ -62,6 +65,12 @@ class Trajectory(ByValue):
     rendezvous_time: float
     planner: str
     rides_until: float = math.inf
+
+    def __post_init__(self) -> None:
+        shape = len(self.t), self.problem.arm.n_joints
+        require_shape("t", self.t, shape[:1])
+        for name in ("q", "qd", "qdd", "tau"):
+            require_shape(name, getattr(self, name), shape)
 
     @property
     def duration(self) -> float:

@@ -16,6 +16,7 @@ from planners.apf.dodge.gains import DodgeGains, as_record, make_instants
 from planners.apf.dodge.look_ahead import STATE, DodgeScene
 from planners.apf.dodge.proposals import choose_well
 from planners.apf.dodge.whole_arm import goal_postures, joint_attraction, keep_limits, make_body, time_to
+from planners.checks import require_shape
 from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.typing import Array
@@ -85,15 +86,20 @@ def dodge_accelerations(
     """
     body, values, instants = _prepared(arm, gains)
     rows, discs = len(memory), memory.dtype["disc_velocity"].shape[0]
-    angles, speeds, hands = (_shaped(array, (rows, 2)) for array in (q, qd, goal))
-    places, rates = (_shaped(array, (rows, discs, 2)) for array in (positions, velocities))
+    angles, speeds, hands = (
+        _shaped(name, array, (rows, 2)) for name, array in {"q": q, "qd": qd, "goal": goal}.items()
+    )
+    places, rates = (
+        _shaped("positions", positions, (rows, discs, 2)),
+        _shaped("velocities", velocities, (rows, discs, 2)),
+    )
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
-    base, sizes, qdd = arm.base_array, _shaped(radii, (rows, discs)), np.empty_like(angles)
+    base, sizes, qdd = arm.base_array, _shaped("radii", radii, (rows, discs)), np.empty_like(angles)
     room = escape_room() if discs > 1 or forecast is not None else None
     expected = None
     if forecast is not None:
-        expected = _shaped(forecast, (rows, len(instants), discs, 2)) - base
+        expected = _shaped("forecast", forecast, (rows, len(instants), discs, 2)) - base
     _dodge_batch(
         body,
         values,
@@ -114,10 +120,9 @@ def dodge_accelerations(
     return qdd
 
 
-def _shaped(array: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _shaped(name: str, array: ArrayLike, shape: tuple[int, ...]) -> Array:
     given = np.ascontiguousarray(array, dtype=float)
-    if given.shape != shape:
-        raise ValueError(f"got shape {given.shape} where memory has {shape}: (batch, ...), (batch, discs, ...)")
+    require_shape(name, given, shape)
     return given
 
 
@@ -200,6 +205,8 @@ def _choose_elbow(body: Any, gains: Any, state: Any, record: Any) -> None:
             time = time_to(body, state.q[0], state.q[1], state.qd[0], state.qd[1], state.postures[branch])
             if time < least:  # False for the NaN of an impossible posture
                 record.elbow, least = branch, time
+    elif record.elbow != 0:  # it is an index
+        record.elbow = 1
     for branch in range(2):
         state.handicaps[branch] = 0.0 if branch == record.elbow else gains.elbow
         if math.isnan(state.postures[branch, 0]):
