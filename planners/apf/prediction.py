@@ -25,7 +25,7 @@ from planners.apf.moving_target import approach
 from planners.capabilities import SMOOTHLESS, Takes, variant
 from planners.checks import require_finite
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
-from planners.promises import distances, farthest
+from planners.promises import REST_SPEED, distances, farthest
 from planners.robot.arm import Arm
 from planners.trajectory import Trajectory, sampled_trajectory
 from planners.typing import Array
@@ -35,6 +35,9 @@ PERIOD = 0.02
 
 MOST_PERIODS = 100_000
 """Largest number of control periods for a target in joint angles; for the hand fewer, see `_most_periods`."""
+
+PRECISION = 1e-3
+"""Default distance from the target that counts as reached, m or rad."""
 
 STALLED = 500
 """Control periods at rest away from a fixed place of the hand, with no disc coming, after which the field is stuck."""
@@ -53,15 +56,15 @@ Field = Callable[[float, Array, Array, Array], Array]
     "apf",
     "field",
     {
-        "joints": Takes(keeps=SMOOTHLESS, precision=1e-3, arrives="on time"),
+        "joints": Takes(keeps=SMOOTHLESS, precision=PRECISION, arrives="on time"),
         "hand": Takes(
-            links=(2,), obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration"), precision=1e-3
+            links=(2,), obstacles="avoided", keeps=SMOOTHLESS, needs=("velocity", "acceleration"), precision=PRECISION
         ),
-        "moving hand": Takes(links=(2, 3), precision=1e-3),
+        "moving hand": Takes(links=(2, 3), precision=PRECISION),
     },
 )
 def plan_field(
-    problem: MotionProblem, *, period: float = PERIOD, tolerance: float = 1e-3, hold_time: float = 0.1
+    problem: MotionProblem, *, period: float = PERIOD, tolerance: float = PRECISION, hold_time: float = 0.1
 ) -> Trajectory:
     """Follow the field of the target's kind until the target is reached.
 
@@ -72,7 +75,7 @@ def plan_field(
         hold_time: time for which a fixed place of the hand must be held, s.
 
     Returns:
-        The motion: to a place of the hand until it has been held, otherwise over the whole horizon. Its cost is the
+        The motion: to a place of the hand until it has been held and the arm is at rest, otherwise over the whole horizon. Its cost is the
         time from which on the tolerance is kept, s.
 
     Raises:
@@ -122,7 +125,8 @@ def plan_field(
         elif since is None:
             since = step + 1
         if isinstance(target, FixedHand):
-            if since is not None and (step + 1 - since) * period >= hold_time:
+            still = np.abs(qd).max() <= REST_SPEED * max(tolerance, PRECISION)
+            if since is not None and (step + 1 - since) * period >= hold_time and still:
                 break
             resting = resting + 1 if since is None and not (qd.any() or qdd.any()) else 0
             if resting >= STALLED and resting % STALLED == 0 and not _coming(problem, t):

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.min_torque_move.moves import random_move, random_moves
-from planners import PLANAR_3R, SCARA_1M, Arm, JointLimits, quintic
+from planners import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, FixedHand, JointLimits, MotionProblem, apf, quintic
 from planners.apf.attraction import attraction, braking_distance, linear_field
 from planners.apf.joint_field import least_acceleration, reach
 from planners.apf.moving_target import approach
@@ -383,3 +383,12 @@ def test_environments_may_have_different_times_left() -> None:
         np.testing.assert_array_equal(single[0], batch[row])
     with pytest.raises(ValueError, match="must be positive"):
         reach(PLANAR_3R, q, qd, goal, left, 0.0)
+
+
+@pytest.mark.parametrize("options", [{}, {"tolerance": 2e-3}, {"period": 0.01}])
+def test_a_place_of_the_hand_is_held_until_the_arm_is_at_rest(options: dict[str, float]) -> None:
+    """The hand keeps within the tolerance for the time to hold while the joints still move around it."""
+    problem = MotionProblem(SCARA_50CM, np.array([0.2, 1.5]), FixedHand(np.array([0.3, 0.2])), 3.0)
+    motion = apf.plan(problem, **options)
+    assert np.abs(motion.qd[-1]).max() <= 10.0 * options.get("tolerance", 1e-3)
+    assert motion.duration < 2.0

@@ -81,7 +81,7 @@ def test_a_memory_from_elsewhere_is_not_read_as_an_index() -> None:
 def test_the_table_of_distances_is_not_read_outside() -> None:
     table = DistanceTable.looking_ahead(0.4)
     for speed in (-1e12, np.nan):
-        with pytest.raises(ValueError, match="speed .* must be finite"):
+        with pytest.raises(ValueError, match=r"speed .* must be finite"):
             table.shift(speed, 0.0)
 
 
