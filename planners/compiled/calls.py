@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import from_dtype, njit, typeof, types
+from numba import config, from_dtype, njit, typeof, types
 from numba.core import cgutils
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import AnalysisPass, register_pass
@@ -104,8 +104,15 @@ class Kernel:
         return address_of(self._compiled, *(_kind_of(one) for one in arguments))
 
 
+def require_compiled(what: str) -> None:
+    """Raise ImportError where Numba compiles nothing: Python cannot run code that reads records or calls addresses."""
+    if getattr(config, "DISABLE_JIT", False):
+        raise ImportError(f"{what} runs compiled code only; unset NUMBA_DISABLE_JIT")
+
+
 def address_of(compiled: Any, *kinds: Any) -> int:
     """The address of what ``numba.njit`` has made of a function, to call with arguments of these Numba types."""
+    require_compiled("planarm's search")
     compiled.compile(kinds)
     overload = compiled.overloads[kinds]
     return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))

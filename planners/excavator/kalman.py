@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.checks import require_shape
-from planners.compiled.calls import private
+from planners.compiled.calls import private, require_compiled
 from planners.excavator.controllers import FARTHEST, HEAVIEST
 from planners.excavator.filter_model import (
     ANGLES,
@@ -116,6 +116,7 @@ class KalmanComputedTorque:
     """
 
     def __init__(self, settings: FilterSettings, rows: int = 1) -> None:
+        require_compiled("the Kalman filter of the excavator")
         self.settings, self.rows = settings, rows
         self._settings = settings.record()
         self._chain = planar_dynamics().chain

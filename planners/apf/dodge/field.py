@@ -17,7 +17,7 @@ from planners.apf.dodge.look_ahead import STATE, DodgeScene
 from planners.apf.dodge.proposals import choose_well
 from planners.apf.dodge.whole_arm import goal_postures, joint_attraction, keep_limits, make_body, time_to
 from planners.checks import require_shape
-from planners.compiled.calls import private
+from planners.compiled.calls import private, require_compiled
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -83,6 +83,7 @@ def dodge_accelerations(
 
     Raises:
         ValueError: if shapes do not fit, or the arm does not have two links.
+        ImportError: where NUMBA_DISABLE_JIT is set.
     """
     body, values, instants = _prepared(arm, gains)
     rows, discs = len(memory), memory.dtype["disc_velocity"].shape[0]
@@ -129,6 +130,7 @@ def _shaped(name: str, array: ArrayLike, shape: tuple[int, ...]) -> Array:
 @lru_cache(maxsize=64)
 def _prepared(arm: Arm, gains: DodgeGains) -> tuple[Any, Any, NDArray[Any]]:
     """Arm, gains and instants of the look-ahead for compiled code."""
+    require_compiled("the field among discs")
     return make_body(arm), as_record(gains), make_instants(gains)
 
 
