@@ -111,8 +111,12 @@ def _answer(given: list[str]) -> int:
     except OSError as error:
         if error.errno is None or error.filename is not None:
             return _complain(named, f"{error.filename}: {error.strerror}" if error.strerror else error, 1)
-        _print_no_more()
-        return _complain(named, f"cannot print: {error.strerror}", 1)
+        try:
+            sys.stdout.flush()  # fails again where it has failed
+        except OSError:
+            _print_no_more()
+            return _complain(named, f"cannot print: {error.strerror}", 1)
+        return _complain(named, error.strerror, 1)
     return code
 
 
@@ -134,6 +138,10 @@ def _run(named: str | None, options: Any) -> int:
         return _complain(named, error, 2)
     except MemoryError as error:
         return _complain(named, f"not enough memory: {error}", 1)
+    except NotImplementedError:
+        if not getattr(import_module("numba").config, "DISABLE_JIT", False):
+            raise
+        return _complain(named, "this runs compiled code only; unset NUMBA_DISABLE_JIT", 2)
     return code or 0
 
 

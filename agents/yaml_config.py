@@ -49,9 +49,10 @@ def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, A
         changes: ``key=value``; dots lead into nested settings, values are YAML.
 
     Raises:
-        ValueError: for a change that is not of this form.
+        ValueError: for a change that is not of this form, or a key that is given twice.
     """
-    answer = dict(settings)
+    answer, changes = dict(settings), list(changes)
+    refuse_twice((change.partition("=")[0] for change in changes if "=" in change), "the name")
     for change in changes:
         key, equals, text = change.partition("=")
         if not equals or not key:

@@ -20,7 +20,7 @@ import sysconfig
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -86,6 +86,27 @@ class SourceLocator(_caching._CacheLocator):  # type: ignore[misc]
 
 if SourceLocator not in _caching.CacheImpl._locator_classes:
     _caching.CacheImpl._locator_classes.insert(0, SourceLocator)
+
+
+@contextmanager
+def _compile_anyway(cache: Any) -> Iterator[None]:
+    """Where a compiled function cannot be kept or read, as on a full disk, it is used all the same."""
+    try:
+        yield
+    except OSError as error:
+        if not isinstance(cache._impl.locator, SourceLocator):
+            raise
+        if not _unkept:
+            _unkept.append(cache.cache_path)
+            warnings.warn(
+                f"compiled functions are not kept for the next process: {cache.cache_path}: {error.strerror}",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+
+
+_unkept: list[str] = []  # the first folder that could not be used
+_caching.Cache._guard_against_spurious_io_errors = _compile_anyway
 
 
 class _CollectLater(_event.Listener):  # type: ignore[misc]

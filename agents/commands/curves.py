@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,10 @@ from agents.evaluation.summarise import card_of
 from agents.figures.curves import draw_curves
 from agents.tables import Table, short_text
 from agents.training.learning_curves import Curve, Groups, differing, grouped, read_curve, without_copies
+from agents.yaml_config import refuse_twice
 from envs.card import Metric
 from envs.settings import refuse_unknown
+from planners.files import check_output
 
 COMMON = (Metric("success", "success (%)", 100.0), Metric("return", "return"))  # metrics of every task
 
@@ -61,15 +64,25 @@ def run(options: CurvesOptions) -> int:
     if not shown:
         note(f"planarm curves: no run to show: {'; '.join(skipped)}")
         return 1
-    if (plot := options.plot) is not None:
-        for env_id, groups, metrics in shown:
-            path = plot.with_name(f"{plot.stem}-{env_id}{plot.suffix}") if len(shown) > 1 else plot
-            write_picture(draw_curves(groups, metrics, options.against), path, options.dpi)
+    pictures = _pictures(options.plot, [env_id for env_id, _, _ in shown])
+    for path in pictures:
+        check_output(path)
+    for path, (_, groups, metrics) in zip(pictures, shown, strict=False):
+        write_picture(draw_curves(groups, metrics, options.against), path, options.dpi)
     for env_id, groups, metrics in shown:
         final_scores(env_id, groups, metrics).show()
     if skipped:
         say(f"Left out: {'; '.join(skipped)}.")
     return 0
+
+
+def _pictures(plot: Path | None, env_ids: Sequence[str]) -> list[Path]:
+    """The file of each environment's picture; none without a plot. A ValueError for two of the same name."""
+    if plot is None or len(env_ids) == 1:
+        return [] if plot is None else [plot]
+    paths = [plot.with_name(f"{plot.stem}-{re.sub(r'[^\w.-]+', '-', env_id)}{plot.suffix}") for env_id in env_ids]
+    refuse_twice(map(str, paths), "the picture")
+    return paths
 
 
 def read_curves(folders: Sequence[Path]) -> tuple[list[Curve], list[str]]:

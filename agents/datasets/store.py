@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import mkdtemp
 from types import TracebackType
@@ -22,6 +23,7 @@ DETAILS = "planarm"
 """Key of the metadata below which planarm writes how a dataset was recorded."""
 
 _DRAFT = ".planarm-"  # folders that begin with it belong to the process whose number follows
+_REPLACED = "replaced"  # in a draft: the data in whose place those of the draft are to be
 _MOST_METADATA = 1 << 24  # bytes
 
 
@@ -59,6 +61,47 @@ def folder_of_id(dataset_id: str) -> Path:
     return Path(get_dataset_path(dataset_id))
 
 
+class _File:
+    """A file that HDF5 writes, which ends the process where a write fails: what does not fit goes on in memory.
+
+    Attributes:
+        error: of the first write that failed; the file is then of no use.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.error: OSError | None = None
+        self._path = path
+        self._file: io.RawIOBase | io.BytesIO = path.open("r+b", buffering=0)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def write(self, content: Any) -> int:
+        """Write all, here or in memory."""
+        view, start, written = memoryview(content).cast("B"), self._file.tell(), 0
+        try:
+            while written < len(view):
+                written += self._file.write(view[written:]) or 0
+        except OSError as error:
+            self._go_on_in_memory(error)
+            self._file.seek(start)
+            self._file.write(view)
+        return len(view)
+
+    def truncate(self, size: int) -> int:
+        """Change the size, here or in memory."""
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self._go_on_in_memory(error)
+            return size
+
+    def _go_on_in_memory(self, error: OSError) -> None:
+        self.error = OSError(error.errno, error.strerror, str(self._path))
+        self._file.close()
+        self._file = io.BytesIO(self._path.read_bytes())
+
+
 class Draft:
     """A dataset that is being written, in a folder beside the others; it becomes a dataset when it is finished.
 
@@ -78,43 +121,57 @@ class Draft:
         from minari.dataset.minari_storage import MinariStorage
 
         self.dataset_id, self.folder = dataset_id, folder_of_id(dataset_id)
+        root = self.folder.parents[len(Path(dataset_id).parts) - 1]
+        root.mkdir(parents=True, exist_ok=True)
+        _tidy(root)
         if (self.folder / "data").exists() and not overwrite:
             raise ValueError(
                 f"there is a dataset {dataset_id} in {self.folder}: give another id, or --overwrite (overwrite=True)"
             )
-        root = self.folder.parents[len(Path(dataset_id).parts) - 1]
-        root.mkdir(parents=True, exist_ok=True)
-        _tidy(root)
         self._draft = Path(mkdtemp(prefix=f"{_DRAFT}{os.getpid()}-", dir=root))
-        self._storage: Any = MinariStorage.new(
-            self._draft / "data", env.observation_space, env.action_space, env_spec=env.spec
-        )
+        with ExitStack() as on_failure:
+            on_failure.callback(shutil.rmtree, self._draft, ignore_errors=True)
+            with _naming(self._draft):
+                self._storage: Any = MinariStorage.new(
+                    self._draft / "data", env.observation_space, env.action_space, env_spec=env.spec
+                )
+                self._file = self._storage._file_path = _File(self._storage._file_path)
+            on_failure.pop_all()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: type[BaseException] | BaseException | TracebackType | None) -> None:
-        shutil.rmtree(self._draft, ignore_errors=True)
+        self._file.close()
+        _delete(self._draft)
 
     def add(self, episodes: Sequence[Any], details: Sequence[Mapping[str, Any]]) -> None:
         """Append episodes (``minari.data_collector.EpisodeBuffer``), each with metadata of its own."""
-        first = self._storage.total_episodes
-        self._storage.update_episodes(episodes)
-        self._storage.update_episode_metadata(map(dict, details), range(first, first + len(episodes)))
+        with _naming(self._draft):
+            first = self._storage.total_episodes
+            self._storage.update_episodes(episodes)
+            self._check()
+            self._storage.update_episode_metadata(map(dict, details), range(first, first + len(episodes)))
+            self._check()
+
+    def _check(self) -> None:
+        if self._file.error is not None:
+            raise self._file.error
 
     def finish(self, metadata: Mapping[str, Any]) -> Path:
         """Make it a dataset, with metadata, and its namespace if that is new; the folder of the dataset."""
         from minari.namespace import create_namespace, list_local_namespaces
 
-        self._storage.update_metadata(
-            {"dataset_id": self.dataset_id, "minari_version": minari().__version__, **metadata}
-        )
+        with _naming(self._draft):
+            self._storage.update_metadata(
+                {"dataset_id": self.dataset_id, "minari_version": minari().__version__, **metadata}
+            )
         namespace = self.dataset_id.rpartition("/")[0]
         if namespace and namespace not in list_local_namespaces():
             create_namespace(namespace)
         self.folder.mkdir(exist_ok=True)
         with suppress(FileNotFoundError):
-            os.rename(self.folder / "data", self._draft / "replaced")
+            os.rename(self.folder / "data", self._draft / _REPLACED)  # if the process ends here, _delete goes on
         os.rename(self._draft / "data", self.folder / "data")
         return self.folder
 
@@ -162,11 +219,31 @@ def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tidy(root: Path) -> None:
-    """Delete the drafts of processes that are no more."""
+    """Delete the drafts of processes that are no more, and end the replacements that they had begun."""
     for path in root.glob(f"{_DRAFT}*-*"):
         number = path.name.removeprefix(_DRAFT).partition("-")[0]
         if number.isdecimal() and not _runs(int(number)):
-            shutil.rmtree(path, ignore_errors=True)
+            _delete(path)
+
+
+def _delete(draft: Path) -> None:
+    """Delete a draft; a dataset that it was about to replace is replaced first, since the new one is whole."""
+    if (draft / _REPLACED).exists() and (draft / "data").exists():
+        dataset_id = read_document(draft / "data" / "metadata.json", _MOST_METADATA)["dataset_id"]
+        with suppress(FileExistsError, OSError):  # recorded again meanwhile
+            os.rename(draft / "data", folder_of_id(dataset_id) / "data")
+    shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name a path in the error of a write that does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def _runs(process: int) -> bool:

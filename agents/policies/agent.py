@@ -48,7 +48,7 @@ class Agent:
 
     Attributes:
         document: its JSON: environment, layout, architecture, training, scores.
-        tensors: weights, float32.
+        tensors: weights, float32; copies that cannot be written.
         generator: draws the actions that are not deterministic.
     """
 
@@ -65,6 +65,11 @@ class Agent:
         widths = [self.tensors[f"layer{layer}.bias"].size for layer in range(len(hidden))]
         if list(hidden) != widths:
             raise ValueError(f"hidden {hidden!r:.80} of an agent are not the widths of its layers, {widths}")
+        tensors = {name: np.array(tensor) for name, tensor in self.tensors.items()}
+        for tensor in tensors.values():
+            tensor.flags.writeable = False
+        object.__setattr__(self, "tensors", tensors)
+        self._network  # noqa: B018: packed from what was checked
 
     @property
     def env_id(self) -> str:
@@ -99,7 +104,7 @@ class Agent:
     @property
     def observation_size(self) -> int:
         """Number of inputs of its network: elements of an observation, unless it forecasts."""
-        return int(self.tensors["layer0.weight"].shape[1] - self.tensors["fine.index"].size)
+        return int(self._network.sizes[0] - self._network.index.size)
 
     def predict(
         self,
@@ -162,13 +167,19 @@ class Agent:
         return FilteredPolicy.wanted(self._task) or (isinstance(recipe, Mapping) and bool(recipe.get("levels")))
 
     def network_actions(self, inputs: NDArray[np.float32], *, deterministic: bool = True) -> Actions:
-        """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1]."""
-        batch = inputs
+        """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1].
+
+        Raises:
+            ValueError: for inputs of another shape.
+        """
+        batch, size = inputs, self.observation_size
+        if np.ndim(inputs) != 2 or inputs.shape[1] != size:
+            raise ValueError(f"inputs of shape {np.shape(inputs)} for a network that takes (num_envs, {size})")
         if self._normal:
             mean, std, clip = self._normal
             batch = np.clip((batch - mean) / std, -clip, clip).astype(np.float32)
         n = self.tensors[f"layer{len(self.document['hidden'])}.bias"].size
-        outputs = self._network.run(np.ascontiguousarray(batch))
+        outputs = self._network.run(np.array(batch, np.float32, order="C"))
         actions: Actions = outputs[:, :n]
         log_std = None if deterministic else self._log_std(outputs[:, n:])
         if log_std is not None:
@@ -235,7 +246,9 @@ class Agent:
             weight, bias = layers[-1]
             own = self.tensors["log_std.weight"], self.tensors["log_std.bias"]
             layers[-1] = np.concatenate([weight, own[0]]), np.concatenate([bias, own[1]])
-        return Network.pack(self.tensors, layers, self.document["activation"])
+        # Compiled code would be another for arrays that cannot be written.
+        fine = {name: np.array(self.tensors[name]) for name in ("fine.index", "fine.gain")}
+        return Network.pack(fine, layers, self.document["activation"])
 
 
 def _in_words(arm: Arm) -> str:

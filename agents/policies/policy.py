@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import envs
+from agents.policies.sb3 import normalized
 from planners.typing import Array
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
@@ -83,7 +84,8 @@ def is_maker(policy: object) -> bool:
 def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, Any]) -> Policy:
     """A policy for an environment: an expert by its name, what a function or a class makes, any other as it is.
 
-    A function or a class is called with the environment, or without arguments if it takes none.
+    A function or a class is called with the environment, or without arguments if it takes none. A model of
+    Stable-Baselines3 whose environment has a VecNormalize acts behind the statistics of that.
 
     Raises:
         ValueError: for an unknown expert, an object without ``predict``, or a policy that is not for this environment.
@@ -101,7 +103,7 @@ def as_policy(policy: Policy | PolicyMaker | str, env: VectorEnv | gym.Env[Any, 
     _check_spaces(made, env)
     if isinstance(made, ChecksEnvironment):
         made.check_env(env)
-    fitted: Policy = made.for_env(env) if isinstance(made, FitsEnvironment) else made
+    fitted: Policy = made.for_env(env) if isinstance(made, FitsEnvironment) else normalized(made)
     return fitted
 
 

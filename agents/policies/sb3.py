@@ -7,9 +7,12 @@ import pickle  # nosec B403: only behind allow_code
 import zipfile
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from agents.policies.policy import Policy
+import numpy as np
+
+if TYPE_CHECKING:
+    from agents.policies.policy import Policy
 
 STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
 """Files beside a model with the statistics of its VecNormalize.
@@ -34,6 +37,13 @@ class NormalizedPolicy:
         seen = self.statistics.normalize_obs(observation)
         answer: tuple[Any, Any] = self.model.predict(seen, state, episode_start, deterministic)
         return answer
+
+
+def normalized(policy: Any) -> Any:
+    """A policy; a model whose environment has a VecNormalize, behind the statistics of that."""
+    own = getattr(policy, "get_vec_normalize_env", None)
+    statistics = own() if callable(own) else None
+    return policy if statistics is None else NormalizedPolicy(policy, statistics)
 
 
 def load_model(path: Path, *, allow_code: bool) -> Policy:
@@ -77,11 +87,11 @@ def _with_statistics(model: Any, path: Path) -> Policy:
     names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS, *(f"{path.stem}/{name}" for name in STATISTICS))
     found = next((path.parent / name for name in names if (path.parent / name).is_file()), None)
     if found is None:
-        # PPO and A2C keep the last observation before normalisation where there is one; SAC and TD3 keep one always.
-        if model._last_original_obs is not None and not hasattr(model, "replay_buffer"):
+        if _looks_normalized(model):
             raise ValueError(
                 f"{path} was trained behind a VecNormalize, whose statistics are not beside it: save them there with "
-                f"model.get_vec_normalize_env().save({str(path.with_name(STATISTICS[0]))!r})"
+                f"model.get_vec_normalize_env().save({str(path.with_name(STATISTICS[0]))!r}); if there was none, save "
+                "the model again after model._last_original_obs = None"
             )
         plain: Policy = model
         return plain
@@ -93,3 +103,13 @@ def _with_statistics(model: Any, path: Path) -> Policy:
     if not callable(normalize) or shape != model.observation_space.shape:
         raise ValueError(f"{found} is for observations of shape {shape}; {path} takes {model.observation_space.shape}")
     return NormalizedPolicy(model, statistics)
+
+
+def _looks_normalized(model: Any) -> bool:
+    """Whether the last observation of a model differs from that before normalisation in every element but zeros.
+
+    PPO and A2C keep the latter only where there is a VecNormalize. SAC, TD3 and DDPG without one keep the observation
+    of one step before instead, which has elements in common with the last: what is constant in an episode.
+    """
+    last, original = model._last_obs, model._last_original_obs
+    return original is not None and not np.any((last == original) & (original != 0.0))

@@ -15,6 +15,7 @@ import pytest
 import agents
 import envs
 from agents.cli import main
+from agents.policies.sb3 import load_model
 
 ENV = "ConveyorTrack-v0"
 FEW = ["--episodes", "2"]
@@ -141,3 +142,28 @@ def test_a_model_in_memory_is_scored_in_the_settings_of_its_environment() -> Non
     assert own.lengths.tolist() == [100, 100]
     given = agents.evaluate(model, ENV, range(2), env_config={"control_mode": "jerk", "horizon": 2.0})
     assert own.returns.tolist() == given.returns.tolist()
+
+
+@pytest.mark.parametrize("made", [False, True])
+def test_a_model_in_memory_acts_behind_the_statistics_of_its_environment(made: bool) -> None:
+    library: Any = import_module("stable_baselines3")
+    vectors: Any = import_module("stable_baselines3.common.vec_env")
+    normalized = vectors.VecNormalize(vectors.DummyVecEnv([lambda: gym.make(ENV)]))
+    model = library.PPO("MlpPolicy", normalized, **SMALL).learn(64)
+    own = agents.evaluate((lambda: model) if made else model, ENV, range(2))
+    exported = agents.evaluate(agents.export_agent(model, ENV), ENV, range(2))
+    np.testing.assert_allclose(own.returns, exported.returns, rtol=1e-4)
+
+
+@pytest.mark.parametrize("algorithm", ["SAC", "TD3", "DDPG"])
+def test_missing_statistics_of_models_with_a_replay_buffer_are_named(algorithm: str, tmp_path: Path) -> None:
+    library: Any = import_module("stable_baselines3")
+    vectors: Any = import_module("stable_baselines3.common.vec_env")
+    more = {"learning_starts": 10, "buffer_size": 100, "device": "cpu"}
+    plain = vectors.DummyVecEnv([lambda: gym.make(ENV)])
+    getattr(library, algorithm)("MlpPolicy", plain, **more).learn(30).save(tmp_path / "plain.zip")
+    model = getattr(library, algorithm)("MlpPolicy", vectors.VecNormalize(plain), **more).learn(30)
+    model.save(tmp_path / "bare.zip")
+    assert load_model(tmp_path / "plain.zip", allow_code=True).predict(plain.reset())[0].shape[0] == 1
+    with pytest.raises(ValueError, match=r"trained behind a VecNormalize, .* not beside it"):
+        load_model(tmp_path / "bare.zip", allow_code=True)
