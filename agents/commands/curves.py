@@ -80,7 +80,8 @@ def _pictures(plot: Path | None, env_ids: Sequence[str]) -> list[Path]:
     """The file of each environment's picture; none without a plot. A ValueError for two of the same name."""
     if plot is None or len(env_ids) == 1:
         return [] if plot is None else [plot]
-    paths = [plot.with_name(f"{plot.stem}-{re.sub(r'[^\w.-]+', '-', env_id)}{plot.suffix}") for env_id in env_ids]
+    names = [re.sub(r"[^\w.-]+", "-", env_id) for env_id in env_ids]
+    paths = [plot.with_name(f"{plot.stem}-{name}{plot.suffix}") for name in names]
     refuse_twice(map(str, paths), "the picture")
     return paths
 

@@ -61,6 +61,11 @@ def folder_of_id(dataset_id: str) -> Path:
     return Path(get_dataset_path(dataset_id))
 
 
+def raw_file(path: Path) -> io.FileIO:
+    """A file that is there, to read and to write without a buffer."""
+    return io.FileIO(path, "r+")
+
+
 class _File:
     """A file that HDF5 writes, which ends the process where a write fails: what does not fit goes on in memory.
 
@@ -71,7 +76,7 @@ class _File:
     def __init__(self, path: Path) -> None:
         self.error: OSError | None = None
         self._path = path
-        self._file: io.RawIOBase | io.BytesIO = path.open("r+b", buffering=0)
+        self._file: io.RawIOBase | io.BytesIO = raw_file(path)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)

@@ -55,6 +55,7 @@ class Agent:
     document: Mapping[str, Any]
     tensors: Tensors
     generator: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _network: Network = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         refuse_unknown([str(self.document["activation"])], ACTIVATIONS, "activation of an agent")
@@ -69,7 +70,7 @@ class Agent:
         for tensor in tensors.values():
             tensor.flags.writeable = False
         object.__setattr__(self, "tensors", tensors)
-        self._network  # noqa: B018: packed from what was checked
+        object.__setattr__(self, "_network", self._packed())  # of what was checked
 
     @property
     def env_id(self) -> str:
@@ -235,8 +236,7 @@ class Agent:
         """Mean, standard deviation and clip of the observations, in float64 as VecNormalize has them; or nothing."""
         return tuple(self.tensors[name].astype(np.float64) for name in _NORMAL) if self.normalized else ()
 
-    @cached_property
-    def _network(self) -> Network:
+    def _packed(self) -> Network:
         """The mean actions before they are bounded; behind them, where there are any, the network's own log_std."""
         layers = [
             (self.tensors[f"layer{layer}.weight"], self.tensors[f"layer{layer}.bias"])

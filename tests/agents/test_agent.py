@@ -333,3 +333,12 @@ def test_impossible_normalisation_is_refused(changes: dict[str, Any], complaint:
 
     with pytest.raises(ValueError, match=complaint):
         saved_and_loaded()
+
+
+def test_what_was_checked_stays_as_it_was() -> None:
+    """Otherwise compiled code would read out of bounds."""
+    agent = load_agent("ConveyorTrack-v0")
+    with pytest.raises(ValueError, match="read-only"):
+        agent.tensors["fine.index"][:] = 10**12
+    with pytest.raises(ValueError, match=r"inputs of shape \(1, 3\) for a network that takes \(num_envs, 18\)"):
+        agent.network_actions(np.zeros((1, 3), np.float32))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from gymnasium.error import DependencyNotInstalled
 
 import agents
 from agents.cli import main
+from agents.datasets import store
 from agents.datasets.read import check_dataset, read_dataset
 from agents.datasets.record import PLAN, record_dataset
 from agents.datasets.store import open_dataset
@@ -248,3 +251,52 @@ def test_a_replay_buffer_begins_with_a_dataset(tmp_path: Path) -> None:
         episodes = read_dataset("belt/apf-v0")
         assert np.array_equal(buffer["observations"][0], [episodes[0].observations[t] for t in range(4)])
         assert buffer["position"][1] == sum(len(each.actions) for each in episodes) // 4 + 10
+
+
+ON_FULL_DISK = """
+import io, os, sys
+from agents.datasets import store
+
+class Full(io.FileIO):
+    def write(self, content):
+        if self.tell() + len(content) > 100_000:
+            raise OSError(28, "No space left on device")
+        return super().write(content)
+
+store.raw_file = lambda path: Full(path, "r+")
+from agents.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_full_disk_is_named_and_nothing_is_left(root: Path) -> None:
+    command = ["dataset", BELT, "--out", "full-v0", "--policies", "follower", "--episodes", "4"]
+    done = subprocess.run([sys.executable, "-c", ON_FULL_DISK, *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith("main_data.hdf5: No space left on device")
+    assert "Traceback" not in done.stderr
+    assert not list(root.iterdir())
+
+
+def test_a_replacement_that_was_killed_halfway_is_ended_by_the_next_run(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record_dataset("same-v0", BELT, ["random"], 1)
+    with monkeypatch.context() as killed:
+        rename = os.rename
+
+        def stop(source: Path, target: Path) -> None:
+            if source.parent.name.startswith(store._DRAFT):
+                raise KeyboardInterrupt
+            rename(source, target)
+
+        killed.setattr(os, "rename", stop)
+        killed.setattr(store, "_delete", lambda draft: None)
+        with pytest.raises(KeyboardInterrupt):
+            record_dataset("same-v0", BELT, ["random"], 2, overwrite=True)
+    assert not (root / "same-v0" / "data").exists()
+    (draft,) = root.glob(f"{store._DRAFT}*")
+    draft.rename(root / f"{store._DRAFT}99999999-x")
+    record_dataset("other-v0", BELT, ["random"], 1)
+    assert open_dataset("same-v0").total_episodes == 2
+    assert not list(root.glob(f"{store._DRAFT}*"))

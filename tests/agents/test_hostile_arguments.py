@@ -48,6 +48,8 @@ REFUSED = [
     (f"{ONE} --settings horizon=1e300", "less than or equal to 60"),
     (f"{ONE} --settings physics_step=1e-300", "choose a physics_step"),
     (f"{ONE} --settings arm=NOARM", 'unknown arm (a file\'s name ends in .yaml or .json) "NOARM" (known:'),
+    (f"{ONE} --options belt_speed=0.2 belt_speed=0.3", 'the name "belt_speed" is given 2 times'),
+    (f"{ONE} --settings payload=0.2 payload=0.3", 'the name "payload" is given 2 times'),
     (f"{ONE} --json .", "it is a folder"),
     (f"{ONE} --json {'long' * 80}", "File name too long"),
     (f"{ONE} --against follower", '"follower" is given 2 times'),
