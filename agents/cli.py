@@ -112,7 +112,7 @@ def _answer(given: list[str]) -> int:
         if error.errno is None or error.filename is not None:
             return _complain(named, f"{error.filename}: {error.strerror}" if error.strerror else error, 1)
         try:
-            sys.stdout.flush()  # fails again where it has failed
+            print(flush=True)  # fails again where it has failed
         except OSError:
             _print_no_more()
             return _complain(named, f"cannot print: {error.strerror}", 1)

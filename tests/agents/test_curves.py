@@ -12,7 +12,7 @@ from PIL import Image
 from run_folders import CONVEYOR, make_run
 
 from agents.cli import main
-from agents.commands.curves import chosen_metrics
+from agents.commands.curves import _pictures, chosen_metrics
 from agents.figures.curves import draw_curves, median_curve
 from agents.training.learning_curves import Curve, differing, grouped, read_curve
 
@@ -296,3 +296,10 @@ def test_what_is_no_run_is_named_and_left_out_and_environments_are_told_apart(
         "curves-ConveyorTrack-v0.svg",
         "curves-ObstacleDodge-v0.svg",
     ]
+
+
+def test_pictures_of_own_tasks_have_names_of_files() -> None:
+    names = _pictures(Path("c.png"), ["ConveyorTrack-v0", "mymod:my/Conveyor-v0"])
+    assert names == [Path("c-ConveyorTrack-v0.png"), Path("c-mymod-my-Conveyor-v0.png")]
+    with pytest.raises(ValueError, match="given 2 times"):
+        _pictures(Path("c.png"), ["my/Conveyor-v0", "my:Conveyor-v0"])
