@@ -122,7 +122,7 @@ def test_arm_part_belt_and_gauges_are_drawn(page: Any) -> None:
 
 def test_verdicts_stand_beside_the_bound_and_the_next_seed_follows(page: Any) -> None:
     wait_for(page, "document.querySelector('.verdict').textContent.includes('best known')")
-    assert "settled at 1.72 s (best known 1.7)" in page.locator(".verdict").first.text_content()
+    assert "settled at 1.72 s (best known 1.70 s)" in page.locator(".verdict").first.text_content()
     wait_for(page, "document.getElementById('seed').value === '1'")
 
 
@@ -173,6 +173,22 @@ def test_keys_stop_and_step(page: Any) -> None:
     page.keyboard.press(".")
     page.wait_for_function("text => document.getElementById('clock').textContent !== text", arg=before)
     assert float(page.text_content("#clock").split()[0]) == pytest.approx(float(before.split()[0]) + 0.02)
+
+
+def test_keys_work_after_a_slider_and_a_checkbox_have_been_used(page: Any) -> None:
+    page.uncheck("#auto")
+    page.keyboard.press("Space")
+    assert page.is_checked("#auto")
+    page.keyboard.press("n")
+    wait_for(page, "document.getElementById('seed').value === '1'")
+    page.focus("#speed")
+    page.keyboard.press("ArrowRight")
+    assert page.text_content("#speed_shown") == "1.19×"
+    page.keyboard.press("Space")
+    wait_for(page, "document.getElementById('run').textContent === 'Run'")
+    page.focus("#seed")
+    page.keyboard.press("g")
+    assert page.get_attribute("#ghosts", "aria-pressed") == "false"
 
 
 def test_two_pages_do_not_disturb_each_other(page: Any, browser: Any, address: str) -> None:

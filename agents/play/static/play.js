@@ -349,7 +349,9 @@ at("speed").addEventListener("input", () => {
   send({ do: "speed", number: speed });
 });
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(event.target.tagName)) return;
+  const written = "select, input:not([type=range], [type=checkbox])"; // elements to which every key belongs
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches(written)) return;
+  if (event.key === " " && event.target.type === "checkbox") return;
   if (event.key === "h") chosen += 1;
   const button = { " ": "run", ".": "step", r: "restart", n: "next", g: "ghosts" }[event.key];
   if (!button) return;
