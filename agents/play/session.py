@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -13,7 +16,7 @@ from pydantic import Field
 from agents.environments import check_names, make_batch, task_type
 from agents.play.actor import PAYLOAD, YOU, Mouse, PlayedPolicy
 from agents.policies.lookup import NamedPolicy, find_policy, shipped_policies
-from envs.card import env_ids, task_card
+from envs.card import Metric, TaskCard, env_ids, task_card
 from envs.experts import expert_names
 from envs.settings import Settings
 from planners import Infeasible, arm_names, load_arm
@@ -133,7 +136,8 @@ class Session:
         choice, bound = self._choice, task_card(self._choice.env).bound if self._choice else None
         if choice is None or bound is None:
             return None
-        metric = next(each for each in task_card(choice.env).metrics if each.key == bound.metric)
+        card = task_card(choice.env)
+        metric = next(each for each in card.metrics if each.key == bound.metric)
         settings, options = self._settings(choice), self._options(choice)
 
         def compute() -> str:
@@ -144,7 +148,7 @@ class Session:
                     value = bound.optimum(batch, 0, choice.seed)
                 except Infeasible:
                     return ""
-            return f"best known {metric.factor * value:.3g}"
+            return f"best known {_as_in_verdict(card, metric, value)}"
 
         return compute
 
@@ -221,6 +225,16 @@ class Session:
             "period": task.config.control_period,
             "controls": controls,
         }
+
+
+def _as_in_verdict(card: TaskCard, metric: Metric, value: float) -> str:
+    """A value of a metric with the digits and the unit of the verdict; as in tables where the verdict does not say it."""
+    if card.picture is not None:
+        infos = (defaultdict(float, {metric.key: number, "is_success": True}) for number in (value, math.nan))
+        known, unknown = (card.picture.outcome(info, 0.0) for info in infos)
+        if said := re.match(r"\d[\d.]* [^\s,]+", known[unknown.find("nan") :]):
+            return said[0]
+    return f"{metric.title}: {metric.factor * value:.3g}"
 
 
 def catalogue() -> list[dict[str, Any]]:

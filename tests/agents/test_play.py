@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -61,9 +62,25 @@ def test_an_undisturbed_episode_ends_as_elsewhere(session: Session) -> None:
     dpct, follower = played(session, 3.1)
     assert (dpct["success"], follower["success"]) == (True, False)
     assert dpct["outcome"] == "settled at 1.72 s"
+
+
+@pytest.mark.parametrize(
+    ("env", "name", "digits"),
+    [
+        ("ConveyorTrack-v0", "dpct", r"\d\.\d\d s"),
+        ("ExcavatorPayload-v0", "kalman", r"\d\.\d mm"),
+        ("MinTorqueMove-v0", "lagrange", r"\d+ %"),
+        ("ObstacleDodge-v0", "apf", r"\d\.\d\d s"),
+    ],
+)
+def test_the_best_known_value_is_written_as_the_verdict(session: Session, env: str, name: str, digits: str) -> None:
+    chosen(session, env, name)
     bound = session.best_known()
     assert bound is not None
-    assert bound() == "best known 1.7"
+    assert re.fullmatch(f"best known {digits}", bound())
+    (policy,) = played(session, 20.0)
+    assert policy["ended"]
+    assert re.search(digits, policy["outcome"])
 
 
 @pytest.mark.parametrize("name", ["lagrange", "follower"])
