@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -22,6 +21,8 @@ from envs.settings import Settings
 from planners import Infeasible, arm_names, load_arm
 
 MOST_POLICIES = 3
+SUITED = {"MinTorqueMove-v0": "lagrange", "ObstacleDodge-v0": "apf"}
+"""Expert made for a task, with which a page begins it, where that is not the first on its card."""
 
 
 class Choice(Settings):
@@ -230,10 +231,10 @@ class Session:
 def _as_in_verdict(card: TaskCard, metric: Metric, value: float) -> str:
     """A value of a metric with the digits and the unit of the verdict; as in tables where the verdict does not say it."""
     if card.picture is not None:
-        infos = (defaultdict(float, {metric.key: number, "is_success": True}) for number in (value, math.nan))
-        known, unknown = (card.picture.outcome(info, 0.0) for info in infos)
-        if said := re.match(r"\d[\d.]* [^\s,]+", known[unknown.find("nan") :]):
-            return said[0]
+        infos = (defaultdict(float, {metric.key: number, "is_success": True}) for number in (value, value + 1.0))
+        numbers = (re.findall(r"\d[\d.]* [^\s,]+", card.picture.outcome(info, 0.0)) for info in infos)
+        if said := next((one for one, other in zip(*numbers, strict=True) if one != other), None):
+            return str(said)
     return f"{metric.title}: {metric.factor * value:.3g}"
 
 
@@ -248,6 +249,7 @@ def _described(env_id: str) -> dict[str, Any]:
     return {
         "env": env_id,
         "policies": [*shipped_policies(env_id), *expert_names(env_id), YOU],
+        "first": SUITED.get(env_id, expert_names(env_id)[0]),
         "arms": [name for name in arm_names() if load_arm(name).n_joints in card.links],
         "scenarios": [name for name in get_args(scenarios.annotation) if name != "random"] if scenarios else [],
     }
