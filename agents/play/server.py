@@ -21,6 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from agents.console import COMPILING
 from agents.play.session import Message, Session, catalogue
+from envs.experts import expert_names
 from envs.rendering.document import palette_document
 
 HOST = "127.0.0.1"
@@ -62,7 +63,16 @@ def application(
             await socket.close(code=1008)
             return
         await socket.accept()
-        await socket.send_json({"kind": "welcome", "tasks": catalogue(), "first": first, "palette": palette_document()})
+        chosen = list(first["policies"]) != expert_names(first["env"])[:1]  # not what a page begins with by default
+        await socket.send_json(
+            {
+                "kind": "welcome",
+                "tasks": catalogue(),
+                "first": first,
+                "chosen": chosen,
+                "palette": palette_document(),
+            }
+        )
         await _Page(socket, Session(allow_code=allow_code, settings=settings, options=options)).run()
 
     routes = [Route(f"/{name}", _file) for name in _FILES]

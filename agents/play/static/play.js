@@ -24,6 +24,7 @@ let held = null; // the point that is dragged: {key, index, point}
 let chosen = 0; // the point that the arrow keys move
 let endedAt = null;
 let bound = "";
+let chosenByHand = false; // whether the visitor has said which policies play
 
 const socket = new WebSocket(`ws://${location.host}/play`);
 const send = (message) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(message));
@@ -53,6 +54,7 @@ function note(text) {
 function welcome(message) {
   tasks = message.tasks;
   palettes = message.palette;
+  chosenByHand = message.chosen;
   dress();
   at("task").replaceChildren(...tasks.map((task) => element("option", { value: task.env, textContent: task.env })));
   send({ do: "choose", choice: message.first });
@@ -109,6 +111,7 @@ function makePolicies(task, choice) {
     button.setAttribute("aria-pressed", String(position >= 0));
     if (position >= 0) button.style.background = button.style.borderColor = COLORS[position];
     button.addEventListener("click", () => {
+      chosenByHand = true;
       const others = choice.policies.filter((each) => each !== name);
       const next = position >= 0 ? others : [...others.slice(-2), name];
       if (next.length) choose({ policies: next });
@@ -129,18 +132,23 @@ function makeViews() {
 
 function makeView(index) {
   const canvas = element("canvas", { tabIndex: 0 });
+  const names = (overlaid() ? episode.choice.policies : [""]).map((_, i) => {
+    const name = element(overlaid() ? "button" : "span", {}, element("span", { className: "swatch" }), element("span"));
+    if (overlaid()) name.addEventListener("click", () => (shown = i));
+    return name;
+  });
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${episode.choice.env}: the arm, driven by ${episode.choice.policies[index]}`);
   const made = {
     index,
     canvas,
     view: new SceneView(canvas, episode.view, palette),
-    title: element("span"),
+    names,
     verdict: element("span", { className: "verdict" }),
     gauges: element("div", { className: "gauges" }),
     status: element("ul", { className: "status" }),
   };
-  made.card = element("article", { className: "card view" }, canvas, element("h2", {}, made.title, made.verdict), made.gauges, made.status);
+  made.card = element("article", { className: "card view" }, canvas, element("h2", {}, element("span", {}, ...names), made.verdict), made.gauges, made.status);
   listen(made);
   return made;
 }
@@ -185,16 +193,11 @@ function show(each) {
   const scene = held ? moved(played.scene) : played.scene;
   each.view.draw(scene, { ghosts, plan: played.plan, handles: handles(played), color: colors ? COLORS[index] : null });
   const names = overlaid() ? frame.policies : [played];
-  each.title.replaceChildren(
-    ...names.map((other) => {
-      const swatch = element("span", { className: "swatch" });
-      swatch.style.background = colors ? COLORS[frame.policies.indexOf(other)] : palette.accent;
-      const name = element("span", { textContent: other.name });
-      name.style.marginRight = "0.8em";
-      name.prepend(swatch);
-      return name;
-    }),
-  );
+  each.names.forEach((name, i) => {
+    name.firstChild.style.background = colors ? COLORS[frame.policies.indexOf(names[i])] : palette.accent;
+    name.lastChild.textContent = names[i].name;
+    name.setAttribute("aria-pressed", String(names[i] === played));
+  });
   const verdicts = names.filter((other) => other.ended || other.refusal);
   each.verdict.replaceChildren(
     ...verdicts.map((other) => {
@@ -334,8 +337,8 @@ at("ghosts").addEventListener("click", () => {
 });
 at("task").addEventListener("change", () => {
   const task = tasks.find((each) => each.env === at("task").value);
-  const kept = episode.choice.policies.filter((name) => task.policies.includes(name));
-  send({ do: "choose", choice: { env: task.env, policies: kept.length ? kept : [task.policies[0]], seed: episode.choice.seed } });
+  const kept = episode.choice.policies.filter((name) => chosenByHand && task.policies.includes(name));
+  send({ do: "choose", choice: { env: task.env, policies: kept.length ? kept : [task.first], seed: episode.choice.seed } });
 });
 at("arm").addEventListener("change", () => choose({ arm: at("arm").value || null }));
 at("scenario").addEventListener("change", () => choose({ scenario: at("scenario").value || null }));
