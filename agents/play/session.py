@@ -229,7 +229,7 @@ class Session:
 
 
 def _as_in_verdict(card: TaskCard, metric: Metric, value: float) -> str:
-    """A value of a metric with the digits and the unit of the verdict; as in tables where the verdict does not say it."""
+    """A value of a metric with the digits and the unit of the verdict, or beside its title if that does not say it."""
     if card.picture is not None:
         infos = (defaultdict(float, {metric.key: number, "is_success": True}) for number in (value, value + 1.0))
         numbers = (re.findall(r"\d[\d.]* [^\s,]+", card.picture.outcome(info, 0.0)) for info in infos)
