@@ -26,7 +26,7 @@ from agents.report.drawing import (
     y_axis,
 )
 from agents.report.markup import Node, episodes_link, node
-from agents.report.numbers import Quantity, costs, profiles
+from agents.report.numbers import Quantity, costs, profiled, profiles
 from agents.report.results_file import TaskScores
 from agents.tables import percent_text
 
@@ -60,7 +60,7 @@ class Chart:
         axis = Axis(low, high, left, right)
         top, bottom = 24.0, 24.0 + _ROW * len(shown)
         parts = [*x_axis(axis, top, bottom, "")]
-        for value, name in ((quantity.bound, "best known"), (quantity.published, "paper")):
+        for value, name in ((quantity.bound, self._task.bound_name), (quantity.published, "paper")):
             if value is not None:
                 parts += reference_line(axis, value, name, top, bottom, f"{name}: {quantity.text(value)}")
         for row, ((name, estimate), text) in enumerate(zip(shown, texts, strict=True)):
@@ -118,7 +118,7 @@ class Chart:
             low, high = low - (0.1 * abs(low) or 1.0), low + (0.1 * abs(low) or 1.0)
         axis, share = Axis(low, high, 40.0, WIDTH - 12.0, logarithmic), Axis(0.0, 1.0, 236.0, 12.0)
         parts = [*x_axis(axis, 12.0, 236.0, f"{metric.title}: \u03c4"), *y_axis(share, axis, percent=True)]
-        sign = "\u2264" if metric.lower_is_better else "\u2265"
+        sign, which = "\u2264" if metric.lower_is_better else "\u2265", profiled(self._task)
         for curve in curves:
             reference = curve.name == "best known" and curve is curves[-1] and curve.name not in self._places
             band, line = (
@@ -126,7 +126,7 @@ class Chart:
                 steps(axis, share, curve.values, curve.share),
             )
             reached = f"{percent_text(float(curve.share[-1]))} %" if len(curve.share) else "0 %"
-            said = f"{curve.name}: a success with {metric.title} {sign} \u03c4 in at most {reached} of the episodes"
+            said = f"{curve.name}: a success with {metric.title} {sign} \u03c4 in at most {reached} of {which}"
             if reference:
                 parts.append(node("path", title_of(said), d=line, class_="curve bound"))
                 continue
@@ -136,7 +136,7 @@ class Chart:
                 node("path", d=line, class_="curve"),
             )
             parts.append(self._link([curve.name], metric.key, said, *drawn))
-        title = f"Share of episodes with a success and {metric.title} {sign} \u03c4"
+        title = f"Share of {which} with a success and {metric.title} {sign} \u03c4"
         return figure("Performance profile", title, 272.0, parts)
 
     def costs(self) -> Node:
@@ -152,11 +152,11 @@ class Chart:
         taken: list[Box] = []
         if quantity.bound is not None:
             y = score.place(quantity.bound)
-            taken += [(axis.start, y - 2.0, axis.end, y + 2.0), (axis.end - 40.0, y - 16.0, axis.end, y)]
-            parts.append(
-                node("line", title_of("best known"), x1=axis.start, x2=axis.end, y1=y, y2=y, class_="reference")
-            )
-            parts.append(write("best known", axis.end - 2.0, y - 4.0, "end", "small"))
+            name = self._task.bound_name
+            width = CHARACTER * len(name)
+            taken += [(axis.start, y - 2.0, axis.end, y + 2.0), (axis.end - width, y - 16.0, axis.end, y)]
+            parts.append(node("line", title_of(name), x1=axis.start, x2=axis.end, y1=y, y2=y, class_="reference"))
+            parts.append(write(name, axis.end - 2.0, y - 4.0, "end", "small"))
         dots = []
         for each in shown:
             value, x = each.score.value, axis.place(max(each.action_us, axis.low))

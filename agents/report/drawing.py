@@ -69,7 +69,7 @@ def reference_line(axis: Axis, value: float, name: str, top: float, bottom: floa
     """A vertical line at a value, with its name above."""
     x = axis.place(value)
     yield node("line", title_of(said), x1=x, x2=x, y1=top - 6.0, y2=bottom, class_=f"reference {name}")
-    yield write(name, x, top - 10.0, "middle", "small")
+    yield write(name, min(x, WIDTH - 0.5 * CHARACTER * len(name)), top - 10.0, "middle", "small")
 
 
 def whisker(x1: float, x2: float, y1: float, y2: float) -> Node:

@@ -8,13 +8,14 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.figures.sheet import Axes, Figure, new_sheet
 from agents.report.axes import span
 from agents.report.drawing import shortened
-from agents.report.numbers import Quantity, costs, differences, profiles, quantities
+from agents.report.numbers import Quantity, costs, differences, profiled, profiles, quantities
 from agents.report.page import policy_colors
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
@@ -114,7 +115,7 @@ def _prepare(axes: Axes) -> None:
 def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axes: Axes) -> None:
     rows = [(each.policy, quantity.of(each)) for each in task.policies]
     shown = [(name, estimate) for name, estimate in rows if estimate is not None]
-    lines = [("best known", quantity.bound, "--"), ("paper", quantity.published, ":")]
+    lines = [(task.bound_name, quantity.bound, "--"), ("paper", quantity.published, ":")]
     known = [value for _, value, _ in lines if value is not None]
     numbers = [(each.low, each.value, each.high) for _, each in shown]
     low, high = (0.0, 100.0) if quantity.share else span(numbers, known)
@@ -180,7 +181,7 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
             axes.fill_between(x, lower_end, upper_end, step="post", alpha=0.1, linewidth=0.0, color=color)
     axes.set(xlim=edges, ylim=(0.0, 1.02), xlabel=_plain(f"{metric.title if metric else ''}: \u03c4"))
     sign = "\u2264" if lower else "\u2265"
-    axes.set_ylabel(f"share of episodes with a success {sign} \u03c4")
+    axes.set_ylabel(f"share of {profiled(task)} with a success {sign} \u03c4")
     if logarithmic:
         axes.set_xscale("log")
     columns = max(1, 60 // (8 + max(len(shortened(curve.name)) for curve in curves)))
@@ -191,8 +192,13 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
     quantity, shown = costs(task)
     bounds = [] if quantity.bound is None else [quantity.bound]
     low, high = span([(each.score.low, each.score.value, each.score.high) for each in shown], bounds)
+    labels = []
     for value in bounds:
-        axes.axhline(value, color="black", linewidth=0.9, linestyle="--", label="best known")
+        axes.axhline(value, color="black", linewidth=0.9, linestyle="--")
+        edge = axes.get_yaxis_transform()
+        labels.append(
+            axes.annotate(task.bound_name, (1.0, value), (0, 2), edge, "offset points", ha="right", fontsize=7)
+        )
     for each in shown:
         color, score = colors[each.policy.policy], each.score
         beyond = not low <= score.value <= high
@@ -202,10 +208,23 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
             ends = [max(low, score.low), min(high, score.high)]
             axes.plot([each.action_us] * 2, ends, color=color, linewidth=1.6, alpha=0.55)
         axes.plot(each.action_us, y, ("^" if top else "v") if beyond else "o", color=color, markersize=4)
-        axes.annotate(_label(each.policy.policy), (each.action_us, y), (4, 3), textcoords="offset points", fontsize=7)
+        place = (each.action_us, y), (4, 3)
+        labels.append(axes.annotate(_label(each.policy.policy), *place, textcoords="offset points", fontsize=7))
     axes.set(xscale="log", ylim=_widened(low, high), xlabel="time of an action, with planning (\u00b5s)")
     axes.set_ylabel(_plain(quantity.title))
     axes.margins(x=0.2)
+    _move_apart(labels, axes)
+
+
+def _move_apart(labels: Sequence[Any], axes: Axes) -> None:
+    """Move annotations up until none is over another."""
+    sheet: Any = axes.figure
+    sheet.draw_without_rendering()
+    taken: list[Any] = []
+    for label in sorted(labels, key=lambda each: each.get_window_extent().y0):
+        while any(label.get_window_extent().overlaps(other) for other in taken):
+            label.xyann = (label.xyann[0], label.xyann[1] + 1.0)
+        taken.append(label.get_window_extent())
 
 
 def _widened(low: float, high: float) -> tuple[float, float]:

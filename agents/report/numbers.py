@@ -112,19 +112,33 @@ def quantities(task: TaskScores) -> list[Quantity]:
 
 
 def profiles(task: TaskScores) -> list[Profile]:
-    """The profile of every policy in the primary metric, best first, and last that of the best known values."""
-    metric = task.primary
+    """The profile of every policy in the primary metric, best first, and last that of the best known values.
+
+    All are of the episodes that have a best known value, if any has.
+    """
+    metric, best = task.primary, _best_known(task)
     if metric is None:
         return []
     made = []
     for policy in task.policies:
         episodes = policy.evaluation
         values = np.where(episodes.success, episodes.metrics.get(metric.key, np.nan), np.nan)
-        made.append(_profile(policy.policy, values, metric))
-    bounds = task.bounds
-    if bounds is not None and bounds[0].key == metric.key:
-        made.append(_profile("best known", np.array(list(bounds[1].values())), metric))
+        made.append(_profile(policy.policy, values[: len(best)] if len(best) else values, metric))
+    if len(best):
+        made.append(_profile("best known", best, metric))
     return made
+
+
+def profiled(task: TaskScores) -> str:
+    """Which episodes the profiles are of, in words."""
+    count = len(_best_known(task)) or len(task.seeds)
+    return "the episodes" if count == len(task.seeds) else f"the first {count} episodes"
+
+
+def _best_known(task: TaskScores) -> Array:
+    """The best known values of the primary metric in the first episodes; empty without."""
+    bounds = task.bounds
+    return np.array([] if bounds is None or bounds[0] != task.primary else list(bounds[1].values()))
 
 
 def _profile(name: str, values: Array, metric: Metric) -> Profile:

@@ -14,7 +14,7 @@ from typing import Any
 from agents.report.bundle import script, style
 from agents.report.charts import Chart
 from agents.report.markup import Node, episodes_link, html, node
-from agents.report.numbers import Quantity, differences, quantities
+from agents.report.numbers import Quantity, differences, profiled, quantities
 from agents.report.provenance import provenance
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
@@ -168,8 +168,8 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
         _card(
             "How the episodes are distributed",
             _below(chart.profiles(), _legend(task, colors)),
-            "Share of episodes that are a success with the value \u03c4 or a better one; the higher, the better. "
-            "Bands: 95 % intervals.",
+            f"Share of {_profiled(task)} that are a success with the value \u03c4 or a better one; the higher, "
+            "the better. Bands: 95 % intervals.",
             profile_table(number, task, colors),
             f"{task.task} profile",
         ),
@@ -222,7 +222,7 @@ def _in_short(task: TaskScores, columns: Sequence[Quantity], number: int) -> lis
             parts += [f", {name} ", link]
     bound = next((column for column in columns if column.bound is not None), None)
     if bound is not None and bound.bound is not None:
-        parts.append(f"; best known {bound.text(bound.bound)}{_split(bound.title)[1]}")
+        parts.append(f"; {task.bound_name} {bound.text(bound.bound)}{_split(bound.title)[1]}")
     return [*parts, "."]
 
 
@@ -239,9 +239,16 @@ def _legend(task: TaskScores, colors: Mapping[str, int]) -> Node:
     return node("ul", *names, bound, class_="legend", aria_hidden="true")
 
 
+def _profiled(task: TaskScores) -> str:
+    """Which episodes the profiles are of, and why not all."""
+    which = profiled(task)
+    return which if which == "the episodes" else f"{which}, those with a best known motion,"
+
+
 def _caption(task: TaskScores) -> str:
-    meaning = task.bound_meaning
-    bound = f" Best known: {meaning}, from the same starts; the median." if task.bounds is not None and meaning else ""
+    meaning, bound = task.bound_meaning, ""
+    if task.bounds is not None and meaning:
+        bound = f" {task.bound_name.capitalize()}: {meaning}, from the same starts; the median."
     return (
         "Shares with Wilson's 95 % interval; return: interquartile mean with its 95 % bootstrap interval; all else: "
         f"medians. A dash: infinite, or not defined, in the median episode.{bound}"

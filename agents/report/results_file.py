@@ -189,6 +189,12 @@ class TaskScores(_Part):
         values = [np.inf if value is None else value for value in self.bound[metric.key]]
         return metric, dict(zip(self.seeds, values, strict=False))
 
+    @property
+    def bound_name(self) -> str:
+        """What the best known values are called, with their number if only the first episodes have one."""
+        count = len(self.bounds[1]) if self.bounds is not None else len(self.seeds)
+        return "best known" if count == len(self.seeds) else f"best known (the first {count})"
+
 
 def ranked(policies: Sequence[PolicyScores]) -> list[PolicyScores]:
     """Best first: by success, then by return."""

@@ -29,7 +29,7 @@ def scores_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> No
             cells.append(_number(estimate, column, link, precise=column.share or column.key == "return"))
         planning = 1e3 * policy.timing.planning_seconds / policy.timing.plans if policy.timing.plans else math.nan
         rows.append([*cells, _plain(planning), _plain(policy.action_us)])
-    for name, attribute in (("best known", "bound"), ("paper", "published")):
+    for name, attribute in ((task.bound_name, "bound"), ("paper", "published")):
         values = [getattr(column, attribute) for column in columns]
         if any(value is not None for value in values):
             known = [math.nan if value is None else value for value in values]
