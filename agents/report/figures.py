@@ -181,7 +181,7 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
             axes.fill_between(x, lower_end, upper_end, step="post", alpha=0.1, linewidth=0.0, color=color)
     axes.set(xlim=edges, ylim=(0.0, 1.02), xlabel=_plain(f"{metric.title if metric else ''}: \u03c4"))
     sign = "\u2264" if lower else "\u2265"
-    axes.set_ylabel(f"share of {profiled(task)} with a success {sign} \u03c4")
+    axes.set_ylabel(f"share of {profiled(task)}\nwith a success {sign} \u03c4")
     if logarithmic:
         axes.set_xscale("log")
     columns = max(1, 60 // (8 + max(len(shortened(curve.name)) for curve in curves)))
@@ -217,10 +217,10 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
 
 
 def _move_apart(labels: Sequence[Any], axes: Axes) -> None:
-    """Move annotations up until none is over another."""
+    """Move annotations up until none is over another or over a point."""
     sheet: Any = axes.figure
     sheet.draw_without_rendering()
-    taken: list[Any] = []
+    taken = [line.get_window_extent() for line in axes.lines if line.get_marker() != "None"]
     for label in sorted(labels, key=lambda each: each.get_window_extent().y0):
         while any(label.get_window_extent().overlaps(other) for other in taken):
             label.xyann = (label.xyann[0], label.xyann[1] + 1.0)

@@ -8,6 +8,7 @@ import json
 import re
 import shlex
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from report_cases import HOSTILE, as_large_as_the_default
 from agents.cli import main
 from agents.commands.report import ReportOptions, run
 from agents.report.bundle import bundled, script
-from agents.report.figures import write_figures
+from agents.report.figures import task_figures, write_figures
 from agents.report.page import report_page
-from agents.report.results_file import Results
+from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
 
 
@@ -236,6 +237,20 @@ def test_figures_are_the_same_again_with_their_fonts(scored: dict[str, Any], tmp
     assert set(contents[0]) >= {"leaderboard.svg", "ConveyorTrack-v0_profile.pdf", "ConveyorTrack-v0_settling_time.svg"}
     assert all(b"/FontFile2" in content for name, content in contents[0].items() if name.endswith(".pdf"))
     assert all(b"<text" not in content for name, content in contents[0].items() if name.endswith(".svg"))
+
+
+def test_labels_of_the_cost_chart_are_apart(scored: dict[str, Any]) -> None:
+    pytest.importorskip("matplotlib")
+    task = json.loads(json.dumps(scored["results"][0]))
+    apf = next(each for each in task["policies"] if each["policy"] == "apf")
+    task["policies"] = [{**apf, "policy": name} for name in ("apf", "another", "the third")]
+    charts = dict(
+        task_figures(TaskScores.model_validate(task), dict.fromkeys(("apf", "another", "the third"), "black"))
+    )
+    labels = charts["cost"].axes[0].texts
+    assert [text.get_text() for text in labels] == ["best known (the first 4)", "apf", "another", "the third"]
+    boxes = [text.get_window_extent() for text in labels]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 @pytest.mark.usefixtures("without_matplotlib")
