@@ -84,6 +84,8 @@ export class Episodes {
       return;
     }
     const quantity = task.quantities.find((each) => each.key === wanted.key) ?? task.quantities.find((each) => each.key === task.primary);
+    this.dialog.classList.toggle("playing", wanted.seed !== null);
+    wanted.seed ??= this.#worstRecorded(task, wanted.policies, quantity);
     this.player?.close();
     this.player = null;
     const list = this.#list(task, wanted, quantity);
@@ -100,11 +102,16 @@ export class Episodes {
     );
     sortable(list);
     if (!this.dialog.open) this.dialog.showModal();
-    this.dialog.classList.toggle("playing", wanted.seed !== null);
     this.#play(stage, task, wanted, quantity);
     (stage.querySelector(".play") ?? list.querySelector("tbody a"))?.focus({ preventScroll: true });
     const row = list.querySelector('tr[aria-current="true"]');
     if (row) list.parentElement.scrollTop = row.offsetTop - list.parentElement.clientHeight / 2;
+  }
+
+  /** The seed of the worst episode with a replay; null without replays. */
+  #worstRecorded(task, policies, quantity) {
+    const recorded = new Set(task.replays?.seeds ?? []);
+    return worstFirst(task, policies, quantity).map((episode) => task.seeds[episode]).find((seed) => recorded.has(seed)) ?? null;
   }
 
   #about(task) {
@@ -153,8 +160,7 @@ export class Episodes {
   #play(stage, task, wanted, quantity) {
     const recorded = task.replays?.seeds ?? [];
     if (wanted.seed === null) {
-      const links = recorded.flatMap((seed) => [make("a", { href: address(wanted, seed) }, String(seed)), " "]);
-      stage.append(make("p", { class: "hint" }, recorded.length ? "Choose a seed. Replays: " : "No replays were recorded; planarm benchmark --replays N records some.", ...links));
+      stage.append(make("p", { class: "hint" }, "No replays were recorded; planarm benchmark --replays N records some."));
       return;
     }
     const episode = task.seeds.indexOf(wanted.seed);

@@ -84,6 +84,9 @@ def test_a_number_opens_its_episodes_worst_first(page: Any, scored: dict[str, An
     assert settled == pytest.approx([episodes["settling_time"][place] for place in worst], abs=1e-3)
     assert seeds[0] == episodes["seed"][worst[0]]
     assert any(text.endswith("▶") for text in column(page.locator("dialog table"), 1))
+    worst_recorded = next(seed for seed in seeds if seed in scored["results"][0]["replays"]["seeds"])
+    assert page.locator(".replay h3").text_content() == f"Seed {worst_recorded}"
+    assert page.locator("canvas").is_visible()
     page.keyboard.press("Escape")
     page.wait_for_selector("dialog:not([open])", state="attached")
     assert "#" not in page.url
@@ -205,6 +208,7 @@ def test_it_fits_a_phone(phone: Any) -> None:
     assert box["y"] >= 0
     assert box["y"] + box["height"] < 800
     assert box["width"] > 300
+    assert phone.locator(".status").bounding_box()["y"] >= box["y"] + box["height"]
 
 
 def test_without_javascript_charts_and_tables_are_there(browser: Any, file: Path) -> None:
