@@ -91,11 +91,13 @@ if SourceLocator not in _caching.CacheImpl._locator_classes:
 @contextmanager
 def _compile_anyway(cache: Any) -> Iterator[None]:
     """Where a compiled function cannot be kept or read, as on a full disk, it is used all the same."""
+    if not isinstance(cache._impl.locator, SourceLocator):
+        with _as_numba_does(cache):
+            yield
+        return
     try:
         yield
     except OSError as error:
-        if not isinstance(cache._impl.locator, SourceLocator):
-            raise
         if not _unkept:
             _unkept.append(cache.cache_path)
             warnings.warn(
@@ -105,6 +107,7 @@ def _compile_anyway(cache: Any) -> Iterator[None]:
             )
 
 
+_as_numba_does = _caching.Cache._guard_against_spurious_io_errors
 _unkept: list[str] = []  # the first folder that could not be used
 _caching.Cache._guard_against_spurious_io_errors = _compile_anyway
 

@@ -25,7 +25,7 @@ def provenance(files: Sequence[tuple[str, Results]]) -> Node:
 
 def _facts(results: Results) -> list[tuple[str, str | Node]]:
     machine = results.machine
-    place = ", ".join(str(machine[key]) for key in ("system", "processor") if machine.get(key))
+    place = ", ".join(str(machine[key]) for key in ("system", "processor", "cpu") if machine.get(key))
     if machine.get("cpus"):
         place += f", {machine['cpus']} processors"
     versions = ", ".join(f"{name} {version}" for name, version in results.versions.items())
