@@ -75,8 +75,8 @@ def plan_field(
         hold_time: time for which a fixed place of the hand must be held, s.
 
     Returns:
-        The motion: to a place of the hand until it has been held and the arm is at rest, otherwise over the whole horizon. Its cost is the
-        time from which on the tolerance is kept, s.
+        The motion: to a place of the hand until it has been held and the arm is at rest, otherwise over the whole
+        horizon. Its cost is the time from which on the tolerance is kept, s.
 
     Raises:
         Infeasible: reason ``collision`` if the arm touches an obstacle, ``late`` if the target is not reached in time,

@@ -11,7 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.min_torque_move.moves import random_move, random_moves
-from planners import PLANAR_3R, SCARA_1M, SCARA_50CM, Arm, FixedHand, JointLimits, MotionProblem, apf, quintic
+from planners import (
+    PLANAR_3R,
+    SCARA_1M,
+    SCARA_50CM,
+    Arm,
+    FixedHand,
+    JointLimits,
+    MotionProblem,
+    apf,
+    quintic,
+)
 from planners.apf.attraction import attraction, braking_distance, linear_field
 from planners.apf.joint_field import least_acceleration, reach
 from planners.apf.moving_target import approach
