@@ -14,9 +14,8 @@ import envs
 from agents.console import INTERRUPTED, catch_interrupt, say
 from agents.environments import check_seed, import_env
 from agents.play.server import HOST, application, open_socket
-from agents.play.session import Choice, Message, Session
+from agents.play.session import Choice, Message, Session, first_policy
 from agents.yaml_config import assigned
-from envs.experts import expert_names
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class PlayOptions:
     """Id of the environment to begin with; module:id for your own."""
     policies: tuple[str, ...] = ()
     """Up to three to begin with, as planarm evaluate takes them, or you, whose hand follows the mouse; by default the
-    first expert on the task's card."""
+    expert that suits the task."""
     seed: int = 0
     """Seed of the first episode."""
     level: str | None = None
@@ -57,7 +56,7 @@ def run(options: PlayOptions) -> int:
     env_id = import_env(options.env)
     card = envs.task_card(env_id)  # raises for an unknown id
     check_seed(options.seed)
-    policies = options.policies or (expert_names(env_id)[0],)
+    policies = options.policies or (first_policy(env_id),)
     settings, started = card.at_level(options.level, assigned({}, options.settings), {})
     first: dict[str, Any] = {"env": env_id, "policies": policies, "seed": options.seed}
     trial = Session(allow_code=options.allow_code, settings=settings, options=started)

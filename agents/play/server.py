@@ -20,8 +20,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from agents.console import COMPILING
-from agents.play.session import Message, Session, catalogue
-from envs.experts import expert_names
+from agents.play.session import Message, Session, catalogue, first_policy
 from envs.rendering.document import palette_document
 
 HOST = "127.0.0.1"
@@ -63,7 +62,7 @@ def application(
             await socket.close(code=1008)
             return
         await socket.accept()
-        chosen = list(first["policies"]) != expert_names(first["env"])[:1]  # not what a page begins with by default
+        chosen = list(first["policies"]) != [first_policy(first["env"])]
         await socket.send_json(
             {
                 "kind": "welcome",

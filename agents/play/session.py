@@ -22,7 +22,7 @@ from planners import Infeasible, arm_names, load_arm
 
 MOST_POLICIES = 3
 SUITED = {"MinTorqueMove-v0": "lagrange", "ObstacleDodge-v0": "apf"}
-"""Expert made for a task, with which a page begins it, where that is not the first on its card."""
+"""The expert whose paper a task comes from, where that is not the first on its card."""
 
 
 class Choice(Settings):
@@ -238,6 +238,11 @@ def _as_in_verdict(card: TaskCard, metric: Metric, value: float) -> str:
     return f"{metric.title}: {metric.factor * value:.3g}"
 
 
+def first_policy(env_id: str) -> str:
+    """The policy with which a page begins a task."""
+    return SUITED.get(env_id, expert_names(env_id)[0])
+
+
 def catalogue() -> list[dict[str, Any]]:
     """What a page can choose from: the tasks with their policies, arms and scenarios."""
     return [_described(env_id) for env_id in env_ids()]
@@ -249,7 +254,7 @@ def _described(env_id: str) -> dict[str, Any]:
     return {
         "env": env_id,
         "policies": [*shipped_policies(env_id), *expert_names(env_id), YOU],
-        "first": SUITED.get(env_id, expert_names(env_id)[0]),
+        "first": first_policy(env_id),
         "arms": [name for name in arm_names() if load_arm(name).n_joints in card.links],
         "scenarios": [name for name in get_args(scenarios.annotation) if name != "random"] if scenarios else [],
     }
