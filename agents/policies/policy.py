@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import envs
-from agents.policies.sb3 import normalized
+from agents.policies.normalized import normalized
 from planners.typing import Array
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]

@@ -7,12 +7,12 @@ import pickle  # nosec B403: only behind allow_code
 import zipfile
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from agents.policies.policy import Policy
+from agents.policies.normalized import NormalizedPolicy
+from agents.policies.policy import Policy
 
 STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
 """Files beside a model with the statistics of its VecNormalize.
@@ -21,29 +21,6 @@ STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
 
 _MARKS = {"clip_range": "PPO", "target_entropy": "SAC", "target_policy_noise": "TD3", "vf_coef": "A2C"}
 """The algorithm of a model by a setting that it has, the first that applies; DDPG's are loaded as TD3's."""
-
-
-class NormalizedPolicy:
-    """A model behind the observation statistics that it was trained with."""
-
-    def __init__(self, model: Any, statistics: Any) -> None:
-        self.observation_space, self.action_space = model.observation_space, model.action_space
-        self.model, self.statistics = model, statistics
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
-    ) -> tuple[Any, Any]:
-        """As the model's, for observations as the environment gives them."""
-        seen = self.statistics.normalize_obs(observation)
-        answer: tuple[Any, Any] = self.model.predict(seen, state, episode_start, deterministic)
-        return answer
-
-
-def normalized(policy: Any) -> Any:
-    """A policy; a model whose environment has a VecNormalize, behind the statistics of that."""
-    own = getattr(policy, "get_vec_normalize_env", None)
-    statistics = own() if callable(own) else None
-    return policy if statistics is None else NormalizedPolicy(policy, statistics)
 
 
 def load_model(path: Path, *, allow_code: bool) -> Policy:
