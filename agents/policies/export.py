@@ -14,7 +14,7 @@ from agents.environments import check_names, import_env, portable
 from agents.policies.agent import FORMAT, NORMALIZED, SQUASHED_FORMAT, Agent
 from agents.policies.files import check_agent, describe_layout, layout_of
 from agents.policies.lookup import name_policy
-from agents.policies.normalized import NormalizedPolicy
+from agents.policies.policy import NormalizedPolicy
 from agents.provenance import versions
 
 Tensors = dict[str, NDArray[Any]]

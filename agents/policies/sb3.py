@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.policies.normalized import NormalizedPolicy
-from agents.policies.policy import Policy
+from agents.policies.policy import NormalizedPolicy, Policy
 
 STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
 """Files beside a model with the statistics of its VecNormalize.
