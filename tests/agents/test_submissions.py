@@ -252,7 +252,8 @@ def test_an_agent_of_another_task_is_refused_by_its_observations(
 ) -> None:
     other = load_agent("ObstacleDodge-v0")
     content = load_agent(mine / "agent.safetensors")
-    save_agent(Agent(content.document, {**other.tensors}), mine / "agent.safetensors")
+    document = {**content.document, "hidden": other.document["hidden"]}
+    save_agent(Agent(document, {**other.tensors}), mine / "agent.safetensors")
     assert "takes observations of 36 elements; ConveyorTrack-v0 gives 18" in refusal(mine, capsys)
 
 
