@@ -112,7 +112,7 @@ def require_compiled(what: str) -> None:
 
 def address_of(compiled: Any, *kinds: Any) -> int:
     """The address of what ``numba.njit`` has made of a function, to call with arguments of these Numba types."""
-    require_compiled("planarm's search")
+    require_compiled("this part of planarm")
     compiled.compile(kinds)
     overload = compiled.overloads[kinds]
     return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
