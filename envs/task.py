@@ -159,6 +159,10 @@ class Task(RunningEpisodes):
         }
         return Scene(**(common | self.picture(record)))
 
+    def forget_worst_ratios(self, env_index: int) -> None:
+        """Let `limit_ratios`, and the gauges of the next frame, count from now on; rewards and scores stay the same."""
+        self._batch.record(env_index)["limit_ratios"][:] = 0.0
+
     def close(self) -> None:
         """Free what a subclass holds besides memory; may be called twice. Here, nothing."""
 

@@ -79,7 +79,7 @@ def record_replay(env: Any, policy: Any, seed: int, options: Info) -> dict[str, 
     ``fixed`` is the scene document (`envs.rendering.document`) with what does not change, ``numbers`` are the other
     numbers by their path in it, such as ``joints.2.0``: multiplied by their unit (`units_of`) and rounded, the first
     frame's and then the differences from frame to frame, separated by spaces ("-" if there is none). ``texts`` are
-    lines of text.
+    lines of text. Gauges hold the largest value since the frame before.
     """
     task: Task = env.unwrapped.task
     units, every = units_of(task.view), 1
@@ -93,6 +93,7 @@ def record_replay(env: Any, policy: Any, seed: int, options: Info) -> dict[str, 
         if steps == 0:
             every = _stride(scene.horizon, task.config.control_period)
         frames.append(dict(_leaves({**scene_document(scene), "trail": None})))
+        task.forget_worst_ratios(0)
 
     info = play(env, policy, seed, dict(options), observe)
     paths = list(dict.fromkeys(path for frame in frames for path in frame))

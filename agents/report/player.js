@@ -114,7 +114,7 @@ export class Player {
     this.cursors = [];
     this.traces.replaceChildren(
       this.#trace("Joint torque, share of its limit", torques, replay, true),
-      ...(limits.length ? [this.#trace("Worst so far, share of its limit", limits, replay, false)] : []),
+      ...(limits.length ? [this.#trace("Largest of any joint, share of its limit", limits, replay, false)] : []),
     );
     this.show();
   }

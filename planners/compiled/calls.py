@@ -36,6 +36,10 @@ class _Private(CPUDispatcher):
     def __call__(self, *arguments: Any) -> Any:
         return _entrance(self)(*arguments)
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """What a compiled caller calls: one function for every number, also for constants in the caller's code."""
+        return super().get_call_template([types.unliteral(each) for each in args], kws)
+
 
 @cache
 def _entrance(function: _Private) -> Any:

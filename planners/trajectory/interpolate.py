@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.compiled.calls import inlined, private
+from planners.compiled.calls import dividing, inlined, private
 from planners.typing import Array
 
 OVERSHOOT = 1e-9
@@ -25,6 +25,9 @@ ROUNDING = 1e-13
 
 SHORT = 1e-6
 """Interval, as a fraction of the duration, in which rounding of its times dominates a quintic: it is left as it is."""
+
+INNER = 1e-6
+"""Share of an interval, from either end, in which no turning point is looked for."""
 
 
 @private
@@ -65,17 +68,29 @@ def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: floa
     return float(most / h**3)
 
 
+@dividing
+def jerk_roots(
+    h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
+) -> tuple[float, float]:
+    """The shares of ``h`` at which the acceleration of the quintic between two samples turns; -1 where it does not."""
+    first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
+    size = max(abs(first), abs(slope), abs(bend))
+    first, slope, bend = first / size, slope / size, bend / size  # whose squares overflow where velocities are huge
+    square = slope * slope - 4.0 * bend * first
+    if not square > 0.0:
+        return -1.0, -1.0
+    far = -0.5 * (slope + math.copysign(math.sqrt(square), slope))  # the two terms have the same sign: no cancellation
+    return far / bend if bend != 0.0 else -1.0, first / far
+
+
 @inlined
 def overshoot(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> float:
     """How far the acceleration of the quintic between two samples leaves the range that `between` keeps it in."""
-    first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
-    square, excess = slope * slope - 4.0 * bend * first, 0.0
-    if square > 0.0 and bend != 0.0:
-        for side in (-1.0, 1.0):
-            s = (side * math.sqrt(square) - slope) / (2.0 * bend)
-            if 0.0 < s < 1.0:
-                turn = quintic_between(s, h, q0, qd0, qdd0, q1, qd1, qdd1)[2]
-                excess = max(excess, turn - max(qdd0, qdd1), min(qdd0, qdd1) - turn)
+    excess = 0.0
+    for s in jerk_roots(h, q0, qd0, qdd0, q1, qd1, qdd1):
+        if 0.0 < s < 1.0:
+            turn = quintic_between(s, h, q0, qd0, qdd0, q1, qd1, qdd1)[2]
+            excess = max(excess, turn - max(qdd0, qdd1), min(qdd0, qdd1) - turn)
     return excess
 
 
@@ -172,19 +187,26 @@ def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Arr
         return 0
     for j in range(q.shape[1]):
         ends = q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]
-        for kind in range(3):
-            low, high = min(ends[kind], ends[kind + 3]), max(ends[kind], ends[kind + 3])
-            rounding = ROUNDING * (abs(ends[0]) + abs(ends[3]) + h * (abs(ends[1]) + abs(ends[4]))) / h**kind
-            allowed = OVERSHOOT * most[kind] + 60.0 * rounding
-            inside = 0.0
-            for s in (0.25, 0.5, 0.75):
-                value = _value(kind, s, h, ends)
-                inside = max(inside, max(value - high, low - value))
-            # the turn may be close to an end, where these three do not show it
-            turns = kind < 2 and ends[kind + 1] * ends[kind + 4] < 0.0
-            if inside > allowed or turns:
+        slowest, fastest = min(qd[i, j], qd[i + 1, j]), max(qd[i, j], qd[i + 1, j])
+        least, largest = min(qdd[i, j], qdd[i + 1, j]), max(qdd[i, j], qdd[i + 1, j])
+        allowed = OVERSHOOT * most[2] + 60.0 * _rounding(2, h, ends)
+        low, high = least, largest
+        for s in jerk_roots(h, q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]):
+            if INNER < s < 1.0 - INNER:
+                value = _value(2, s, h, ends)
+                least, largest = min(least, value), max(largest, value)
+                if max(value - high, low - value) > allowed:
+                    shares[count] = s
+                    count += 1
+        # a value turns only where the one that it is the integral of is 0
+        for kind in (1, 0):
+            turns = least < 0.0 < largest if kind == 1 else slowest < 0.0 < fastest
+            if turns:
+                low, high = min(ends[kind], ends[kind + 3]), max(ends[kind], ends[kind + 3])
                 s, value = _extreme(kind, h, ends, low, high)
-                if max(value - high, low - value) > allowed and 1e-6 < s < 1.0 - 1e-6:
+                slowest, fastest = (min(slowest, value), max(fastest, value)) if kind == 1 else (slowest, fastest)
+                allowed = OVERSHOOT * most[kind] + 60.0 * _rounding(kind, h, ends)
+                if max(value - high, low - value) > allowed and INNER < s < 1.0 - INNER:
                     shares[count] = s
                     count += 1
     for k in range(1, count):  # sorted by insertion: there are few
@@ -195,10 +217,16 @@ def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Arr
         shares[place] = share
     kept = 0
     for k in range(count):
-        if kept == 0 or shares[k] - shares[kept - 1] > 1e-6:
+        if kept == 0 or shares[k] - shares[kept - 1] > INNER:
             shares[kept] = shares[k]
             kept += 1
     return kept
+
+
+@private
+def _rounding(kind: int, h: float, ends: tuple[float, float, float, float, float, float]) -> float:
+    """Rounding of an angle (kind 0), a velocity (1) or an acceleration (2) that a quintic has between its ends."""
+    return float(ROUNDING * (abs(ends[0]) + abs(ends[3]) + h * (abs(ends[1]) + abs(ends[4]))) / h**kind)
 
 
 @private

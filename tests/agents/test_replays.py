@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -49,9 +50,10 @@ def test_a_replay_is_the_episode_of_its_seed(scored: dict[str, Any], task: int, 
         inner = env.unwrapped.task  # type: ignore[attr-defined]
         expert = envs.make_expert(policy, env)
         observation, _ = env.reset(seed=1)
-        wanted, times, state, begins, ended = [], [], None, True, False
+        wanted, speeds, times, state, begins, ended = [], [], [], None, True, False
         while True:
             wanted.append(inner.arm.joint_positions(inner.batch["q"][0]))
+            speeds.append(np.abs(inner.batch["qd"][0] / inner.arm.limits.velocity).max())
             times.append(round(len(times) * inner.config.control_period, 9))
             if ended:
                 break
@@ -66,6 +68,9 @@ def test_a_replay_is_the_episode_of_its_seed(scored: dict[str, Any], task: int, 
     np.testing.assert_allclose(shown, np.array(times)[places], atol=1e-9)
     assert places[0] == 0
     assert places[-1] == len(wanted) - 1 == recorded["length"]
+    since = [max(speeds[last + 1 : place + 1]) for last, place in pairwise(places)]
+    gauge = np.cumsum([int(step) for step in recorded["numbers"][f"limit_gauges.{inner.gauges.index('velocity')}.1"].split()])
+    np.testing.assert_allclose(gauge[1:] / 100, since, atol=0.51e-2)
 
 
 def test_replays_have_the_scores_of_their_episodes(scored: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BPoly
 
 from planners import (
     SCARA_1M,
@@ -55,6 +56,23 @@ class TestInterpolation:
         for order, found in enumerate(motion_of(UNEVEN, QUINTICS, problem()).at(times)):
             expected = np.stack([p.deriv(order)(times) for p in QUINTICS], axis=-1)
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
+
+    @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6), st.integers(0, 10_000))
+    @settings(deadline=None, max_examples=40)
+    def test_nothing_is_cut_off_where_quintics_turn_between_samples(self, steps: list[float], seed: int) -> None:
+        """A motion that is rough at some places and almost smooth at others, as planners' are, against SciPy's spline.
+
+        Where an acceleration turned within a fifth of an interval, it was held at the value of the nearest sample.
+        """
+        samples, random = np.concatenate([[0.0], np.cumsum(steps)]), np.random.default_rng(seed)
+        rows = np.stack([[p.deriv(order)(samples) for p in QUINTICS] for order in range(3)]).swapaxes(1, 2)
+        rows += random.normal(size=rows.shape) * 10.0 ** random.uniform(-6.0, 0.0, size=(1, len(samples), 1))
+        motion = sampled_trajectory(problem(), samples, *rows, planner="test")
+        spline = BPoly.from_derivatives(samples, rows.swapaxes(0, 1))
+        t, *found = dense(motion, 3001)
+        for order, values in enumerate(found):
+            expected = spline.derivative(order)(t) if order else spline(t)
+            np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
 
     @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6), st.integers(0, 10_000))
     @settings(deadline=None, max_examples=40)
