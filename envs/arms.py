@@ -14,6 +14,7 @@ import planners
 from planners import Arm
 from planners.robot.dynamics import mass_matrix_single
 from planners.robot.limits import LimitKind
+from planners.typing import Array
 
 LEAST_INERTIA = 1e-12
 """Least inertia of a link about its centre of mass in Pymunk, as a share of mass times squared length: NaN without."""
@@ -26,6 +27,9 @@ def _loaded(given: Any) -> Arm:
 def _document(arm: Arm) -> Mapping[str, Any]:
     return planners.arm_document(arm)
 
+
+MOST_HALF_TURNS = 64
+"""Farthest end of a joint range, in units of pi: observed angles beyond are coarser than 0.02 mrad."""
 
 ArmSetting = Annotated[InstanceOf[Arm], BeforeValidator(_loaded), PlainSerializer(_document)]
 """An `Arm`, from what `planners.load_arm` takes; in JSON a document that it takes, too."""
@@ -98,6 +102,39 @@ def scale_of(arm: Arm, kind: LimitKind, standard: Arm) -> float:
 
     ratio = size(arm) / size(standard)
     return ratio if math.isfinite(ratio) else 1.0
+
+
+def angle_bound(arm: Arm) -> float:
+    """Largest observed joint angle in units of pi: 4, or half a turn beyond the joint ranges where they reach further.
+
+    Raises:
+        ValueError: if a joint range reaches so far that observations, numbers of seven digits, are too coarse.
+    """
+    ends = np.abs([arm.limits.angle_lower, arm.limits.angle_upper])
+    farthest = float(ends[np.isfinite(ends)].max(initial=0.0)) / math.pi
+    if farthest > MOST_HALF_TURNS:
+        raise ValueError(
+            f"the joint ranges of {arm.name} reach {farthest:.0f} half turns from 0, more than the {MOST_HALF_TURNS} "
+            "that an observation resolves; take whole turns away"
+        )
+    return max(4.0, math.ceil(farthest) + 1.0)
+
+
+def farthest_angle(arm: Arm) -> float:
+    """Joint angle, rad, up to which a motion may begin or end: half a turn before that which observations hold."""
+    return (angle_bound(arm) - 1.0) * math.pi
+
+
+def require_observed(arm: Arm, name: str, angles: Array) -> None:
+    """ValueError if joint angles, rad, are outside the joint ranges, or so far that a motion leaves the observation."""
+    if not arm.limits.within(angles):
+        raise ValueError(f"{name} {np.asarray(angles).tolist()} rad leaves the joint ranges, {arm.limits.angle_text}")
+    most = farthest_angle(arm)
+    if not float(np.abs(angles).max()) <= most:
+        raise ValueError(
+            f"{name} {np.asarray(angles).tolist()} rad is beyond the {most:.4g} rad from which observations can follow "
+            "a motion; take whole turns away"
+        )
 
 
 def scaled_view(

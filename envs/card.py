@@ -121,11 +121,13 @@ class Level:
         meaning: what is harder than by default, for tables.
         settings: of the environment, ``gym.make(id, **settings)``.
         options: of the reset.
+        every_arm: whether it is one for every arm; not where it has lengths, speeds or times of the task's own.
     """
 
     meaning: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    every_arm: bool = True
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ class TaskCard:
         """Settings and reset options at a level, with some of them given in place of the level's.
 
         Raises:
-            ValueError: for an unknown level, with the nearest one that there is.
+            ValueError: for an unknown level, with the nearest one; for one that the given arm does not have.
         """
         if name is None:
             return dict(settings), dict(options)
@@ -172,6 +174,11 @@ class TaskCard:
 
         refuse_unknown([name], self.levels, "level")
         level = self.levels[name]
+        if settings.get("arm") is not None and not level.every_arm:
+            given = ", ".join(f"{option}={value}" for option, value in level.options.items())
+            raise ValueError(
+                f"level {name!r} is one of the task's own arm ({given}); leave it out, and give options that suit yours"
+            )
         return {**level.settings, **settings}, {**level.options, **options}
 
     @property
@@ -184,7 +191,7 @@ _CARDS: dict[str, TaskCard | str] = {}
 
 
 def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
-    """Register a task with Gymnasium, single and vector, and its card; again for the same id replaces the card.
+    """Register a task with Gymnasium, single and vector, and its card; again for the same id replaces both.
 
     Args:
         env_id: the Gymnasium id, such as ``"Swing-v0"``; the task's own `env_id`.
@@ -193,14 +200,18 @@ def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
         card: its card, or ``"module:NAME"`` of it.
 
     Raises:
-        ValueError: if the class has another `env_id`.
+        ValueError: if the class has another `env_id`, or planarm itself has a task of this id.
     """
     if not isinstance(task, str) and task.env_id != env_id:
         raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
     single, vector = "envs.environment:PlanarArmEnv", "envs.vector_environment:PlanarArmVectorEnv"
     if isinstance(task, str):
         single = f"{task}Env"
-    if env_id not in gym.registry:
+    before = gym.registry[env_id].kwargs.get("task_type") if env_id in gym.registry else None
+    if isinstance(before, str) and before.startswith("envs.") and task != before:
+        raise ValueError(f"{env_id} is a task of planarm; give your own another id")
+    if before != task:
+        gym.registry.pop(env_id, None)
         gym.register(env_id, entry_point=single, vector_entry_point=vector, kwargs={"task_type": task})
     _CARDS[env_id] = card
 

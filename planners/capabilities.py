@@ -20,7 +20,7 @@ from planners.checks import brief, require_choice
 from planners.interrupts import plain_interrupts
 from planners.options import checked_options
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
-from planners.promises import require_solved, require_start, require_within_limits
+from planners.promises import require_range, require_solved, require_start, require_within_limits
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory import NoMotion, Trajectory, sampled_trajectory
 
@@ -109,6 +109,18 @@ _variants: dict[tuple[str, str], Variant] = {}
 OWN = ("dpct", "lagrange", "apf", "quintic", "trapezoid")
 """Names of planarm's own planners, in the order in which `plan` tries them."""
 
+RESERVED = (
+    "agent",
+    "random",
+    "follower",
+    "kalman",
+    "adaptive",
+    "adaptive_computed_torque",
+    "integral_computed_torque",
+    "computed_torque",
+)
+"""Names of planarm's other policies, which a user's planner cannot have either."""
+
 
 def all_variants() -> dict[tuple[str, str], Variant]:
     """Every variant by planner and name, also as ``VARIANTS``; see `variants_of` for the default.
@@ -156,6 +168,8 @@ def variant(
             if not isinstance(problem, MotionProblem):
                 raise TypeError(f"{declared} plans a MotionProblem, not {type(problem).__name__}")
             _require_taken(declared, problem)
+            if promises and isinstance(problem.target, FixedJoints) and "angle" in takes["joints"].keeps:
+                require_range(problem, problem.target.q)
             with plain_interrupts(), _finite_arithmetic(declared):
                 trajectory = _of_problem(declared, problem, function(*args, **checked_options(function, kwargs)))
             if promises and kwargs.get("checked", True):
@@ -184,7 +198,7 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
             and motions that break what it keeps too. By default any problem, and no promise.
 
     Raises:
-        ValueError: if planarm itself has a planner of this name, or the name is not an identifier.
+        ValueError: if planarm itself has a planner or a policy of this name, or the name is not an identifier.
         TypeError: if ``plan`` cannot be called, or ``takes`` does not map kinds of target to `Takes`.
     """
     if not callable(plan):
@@ -198,6 +212,8 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
         raise ValueError(f"planner name {name!r} must be an identifier, such as my_planner")
     if name in OWN:
         raise ValueError(f"{name!r} is a planner of planarm; choose another name")
+    if name in RESERVED:
+        raise ValueError(f"{name!r} is a policy of planarm; choose another name")
     anything = dict.fromkeys(TARGETS.values(), Takes(obstacles="checked"))
     variant(name, "", takes or anything, promises=takes is not None)(plan)
 

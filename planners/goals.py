@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem
+from planners.promises import require_range
 from planners.robot import redundant
 from planners.robot.kinematics import UnreachableTarget, wrap
 from planners.robot.limits import JointLimits
@@ -23,9 +24,6 @@ LONG_WAY = 0.5 * np.pi
 
 MOST_GOALS = 6
 
-BEYOND = 1e-6
-"""Excess of a joint range by a target in joint angles that counts as rounding, rad."""
-
 
 def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow: Elbow) -> list[Array]:
     """Goal joint angles within the joint ranges, ``(n,)`` each: at most `MOST_GOALS`, closest to the start first.
@@ -38,7 +36,7 @@ def goal_postures(problem: MotionProblem, target: FixedJoints | FixedHand, elbow
     if isinstance(target, FixedJoints):
         if elbow not in ("best", "start"):
             raise ValueError("a target in joint angles fixes the elbow; use elbow='best'")
-        _require_range(problem, target.q)
+        require_range(problem, target.q)
         return [target.q]
     if problem.arm.n_joints == 1 and elbow in ("+", "-"):
         raise ValueError(f"{problem.arm.name} has one link and no elbow; use elbow='best'")
@@ -100,16 +98,6 @@ def nearest_turns(posture: Array, near: Array, limits: JointLimits) -> Array:
     angles = angles + turn * (np.ceil(below / turn) - np.ceil(above / turn))
     closest: Array = np.where((angles >= lower) & (angles <= upper), angles, np.nan)
     return closest
-
-
-def _require_range(problem: MotionProblem, goal: Array) -> None:
-    """Raise Infeasible if a target in joint angles leaves a joint's range."""
-    limits = problem.joint_limits
-    outside = (goal < limits.angle_lower - BEYOND) | (goal > limits.angle_upper + BEYOND)
-    if outside.any():
-        joint = int(np.argmax(outside))
-        message = f"the target has joint {joint + 1} at {goal[joint]:.4g} rad; the joint ranges are {limits.angle_text}"
-        raise Infeasible("limits", message, kind="angle", joint=joint)
 
 
 def _inverse(problem: MotionProblem, target: FixedHand) -> Array:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from planners.checks import rounded_up
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.kinematics import wrap
-from planners.robot.limits import LIMIT_KINDS
+from planners.robot.limits import LIMIT_KINDS, JointLimits
 from planners.trajectory import Trajectory
+from planners.trajectory.measure import measure
 from planners.typing import Array
+
+BEYOND = 1e-6
+"""Excess of a joint range by a target in joint angles that counts as rounding, rad."""
 
 EXCESS = 1e-6
 """Excess of a limit, as a fraction of it, that is rounding."""
@@ -48,18 +53,39 @@ def require_start(name: str, trajectory: Trajectory, *, turned: bool) -> None:
         raise Infeasible("start", message, error=apart)
 
 
+def require_range(problem: MotionProblem, goal: Array) -> None:
+    """Refuse a target in joint angles ``(n,)`` that leaves a joint's range.
+
+    Raises:
+        Infeasible: with reason ``limits``.
+    """
+    limits = problem.joint_limits
+    outside = (goal < limits.angle_lower - BEYOND) | (goal > limits.angle_upper + BEYOND)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        message = f"the target has joint {joint + 1} at {goal[joint]:.4g} rad; the joint ranges are {limits.angle_text}"
+        raise Infeasible("limits", message, kind="angle", joint=joint)
+
+
 def require_within_limits(name: str, trajectory: Trajectory) -> None:
-    """Refuse a motion of the planner ``name`` that breaks a limit anywhere, or jumps; what the start breaks is allowed.
+    """Refuse a motion of the planner ``name`` that breaks a limit anywhere, or jumps.
+
+    What the start breaks is allowed, to the joint that begins there and up to where it begins.
 
     Raises:
         Infeasible: with reason ``limits``.
     """
     problem, measured = trajectory.problem, trajectory.measured
-    kept = measured.ratios <= np.maximum(1.0, _start_loads(problem)) + EXCESS
+    loads = _start_loads(problem)
+    if (loads > 1.0).any():
+        wider = replace(problem, limits=_widened(problem.joint_limits, np.maximum(1.0, loads)))
+        measured = measure(wider, trajectory.t, trajectory.q, trajectory.qd, trajectory.qdd, trajectory.tau)
+    kept = measured.ratios <= 1.0 + EXCESS
     if not kept.all():
         kind = int(np.argmax(np.where(kept, -1.0, measured.ratios)))
-        joint, what, ratio = int(measured.joints[kind]), LIMIT_KINDS[kind], float(measured.ratios[kind])
+        joint, what = int(measured.joints[kind]), LIMIT_KINDS[kind]
         limit = float(problem.joint_limits.array(what)[joint])
+        ratio = float(measured.ratios[kind]) * max(1.0, float(loads[kind, joint]))
         limited = f"its {what} limit of {limit:.4g} {UNITS[what]} at {measured.times[kind]:.4g} s"
         remedy = "try another planner, or widen the range" if what == "angle" else "allow more time, or raise the limit"
         excess = f"takes joint {joint + 1} to {ratio:.4g} times {limited}; {remedy}"
@@ -166,7 +192,7 @@ def _away(trajectory: Trajectory, target: MovingHand, t: Array, q: Array) -> Arr
 
 
 def _start_loads(problem: MotionProblem) -> Array:
-    """|value| / limit of each kind at the start, ``(5,)``; that of jerk is 0."""
+    """|value| / limit of each kind and joint at the start, ``(5, n)``; that of jerk is 0."""
     limits, (q, qd, qdd) = problem.joint_limits, problem.start
     tau = problem.loaded_arm.inverse_dynamics(q, qd, qdd)
     values = {
@@ -176,4 +202,12 @@ def _start_loads(problem: MotionProblem) -> Array:
         "jerk": np.zeros_like(q),
         "angle": q - limits.angle_middle,
     }
-    return np.array([float((np.abs(values[kind]) / limits.array(kind)).max()) for kind in LIMIT_KINDS])
+    return np.array([np.abs(values[kind]) / limits.array(kind) for kind in LIMIT_KINDS])
+
+
+def _widened(limits: JointLimits, factors: Array) -> JointLimits:
+    """Limits times factors of each kind and joint, ``(5, n)``, ranges of angles about their middles."""
+    wide = {kind: factor * limits.array(kind) for kind, factor in zip(LIMIT_KINDS, factors, strict=True)}
+    half, middle = wide.pop("angle"), limits.angle_middle
+    angle = tuple(zip((middle - half).tolist(), (middle + half).tolist(), strict=True))
+    return JointLimits(**{kind: tuple(values.tolist()) for kind, values in wide.items()}, angle=angle)

@@ -65,7 +65,7 @@ def evaluate(
         ValueError: for an unknown policy, one that was trained for something else or gives actions of a wrong shape, no
             seeds, or settings and options the environment refuses.
     """
-    numbers = _checked_seeds(seeds)
+    numbers = checked_seeds(seeds)
     num_envs = checked_count("num_envs", num_envs)
     env_id = import_env(env_id)
     named = name_policy(policy, env_id, name=name, allow_code=allow_code)
@@ -162,7 +162,8 @@ def _planned(policy: Policy) -> tuple[int, float, int]:
     return 0, 0.0, 0
 
 
-def _checked_seeds(seeds: Iterable[int]) -> NDArray[np.int64]:
+def checked_seeds(seeds: Iterable[int]) -> NDArray[np.int64]:
+    """The seeds of episodes as an array; a ValueError if these are none."""
     if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
         raise ValueError(f"seeds {seeds!r:.80} must be whole numbers, one an episode, for example range(100)")
     numbers = list(islice(seeds, MOST_EPISODES + 1))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.environments import import_env
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkTask, configure
-from agents.evaluation.evaluate import Info, Progress, evaluate
+from agents.evaluation.evaluate import Info, Progress, checked_seeds, evaluate
 from agents.evaluation.leaderboard import TaskResult
 from agents.evaluation.scoreboard import Scoreboard, add_settings
 from agents.policies.lookup import AnyPolicy, name_policies
@@ -48,13 +48,14 @@ def compare(
     asked = {"env": import_env(env_id), "env_config": dict(env_config or {}), "options": dict(options or {})}
     task = BenchmarkTask.parse(asked, "comparison")
     named = name_policies(policies, task.env, allow_code=allow_code)
-    result = TaskResult(task, np.array([int(seed) for seed in seeds]), compared=tuple(each.name for each in named))
+    numbers = checked_seeds(seeds)
+    result = TaskResult(task, numbers, compared=tuple(each.name for each in named))
     for each in named:
         result.evaluations.append(
             evaluate(
                 each.policy,
                 task.env,
-                seeds,
+                numbers,
                 env_config=each.settings(task.env_config),
                 options=task.options,
                 num_envs=num_envs,

@@ -214,6 +214,16 @@ class Agent:
             if given != own:
                 raise ValueError(f"this agent was trained with {name} {own!r}; the environment has {given!r}")
         self.check_arm(task.arm)
+        if not self.forecasts and task.layout.size != self.observation_size:
+            others = (
+                f"{name} {own!r} (here {given!r})"
+                for (name, given), (_, own) in zip(task.config, self._task.config, strict=True)
+                if given != own
+            )
+            raise ValueError(
+                f"this agent observes {self.observation_size} numbers, and this environment gives {task.layout.size}: "
+                f"it was trained with {', '.join(others)}"
+            )
 
     def check_arm(self, arm: Arm) -> None:
         """Raise a ValueError for another arm than the one that it was trained for; gravity may differ."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from envs.arms import arm_of, scale_of, scaled_view
+from envs.arms import angle_bound, arm_of, scale_of, scaled_view
 from envs.conveyor_track import kernels
 from envs.conveyor_track.belt import PAPER_START, Demands, Start, pace_of, placed, posture, require_solvable, side
 from envs.conveyor_track.starts import draw_starts
@@ -75,7 +75,7 @@ def layout_of(arm: Arm) -> Layout:
     belt = size * max(1.0, pace_of(Demands(3.0, 0.5, arm=arm)))
     return Layout(
         (
-            Entry("joint_position", joints, math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_position", joints, math.pi, angle_bound(arm), "rad", "angles of the joints"),
             Entry("joint_velocity", joints, 0.2 * speed, 50.0, "rad/s", "their velocities"),
             Entry(
                 "joint_acceleration",
@@ -212,10 +212,10 @@ class ConveyorTrackEnv(PlanarArmEnv):
 
     ## Action space
     Numbers in [-1, 1], one per joint; larger ones are clipped, NaN is refused. `control_mode` says what they scale:
-    `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"` (0.2
-    rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the velocity,
-    acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators keep the
-    torque limits in every mode.
+    `"torque"` (0.5 and 0.2 N m), `"acceleration"` (0.3 rad/s^2), `"jerk"` (2.3 and 2.0 rad/s^3) or `"velocity"`
+    (99.8 % of 0.2 rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the
+    velocity, acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators
+    keep the torque limits in every mode.
 
     ## Rewards
     The sum of three terms:

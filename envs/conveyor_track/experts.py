@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 from envs.experts.base import Planner
 from envs.task import Task
-from planners import Infeasible, MotionProblem, Trajectory, dpct
+from planners import Infeasible, MotionProblem, Trajectory, dpct, lagrange
 
 TOLERANCE_SHARE = 0.95
 """Share of the task's tolerances that a plan uses; the rest is for tracking."""
@@ -16,7 +17,10 @@ LIMIT_SHARE = 1.0 - 1e-3
 
 
 def settle_early(task: Task) -> Planner:
-    """A planner of the earliest settling within the task's tolerances, on the part's line or off it."""
+    """A planner of the earliest settling within the task's tolerances, on the part's line or off it.
+
+    Where DPCT finds none, as from states in the middle of a motion at the limits, the part is met by `lagrange`.
+    """
     config = task.config
     tolerances = {
         name: TOLERANCE_SHARE * getattr(config, name) for name in ("position_tolerance", "velocity_tolerance")
@@ -24,9 +28,9 @@ def settle_early(task: Task) -> Planner:
 
     def plan(problem: MotionProblem) -> Trajectory:
         careful = replace(problem, limits=problem.joint_limits.scaled(LIMIT_SHARE))
-        try:
-            return dpct.plan(careful, variant="free", **tolerances)
-        except Infeasible:  # the start may need the rest of the limits
-            return dpct.plan(problem, variant="free", **tolerances)
+        for attempt in (careful, problem):  # the start may need the rest of the limits
+            with suppress(Infeasible):
+                return dpct.plan(attempt, variant="free", **tolerances)
+        return lagrange.plan(problem)
 
     return plan

@@ -7,11 +7,13 @@ from envs.card import Level
 _NOISE = {"encoder_noise": 5e-5, "camera_noise": 2e-4, "position_tolerance": 3e-3, "velocity_tolerance": 2e-2}
 
 LEVELS = {
-    "fast": Level("belt at 0.3 m/s", options={"belt_speed": 0.3, "line_height": 1.7, "hand_x": -0.8}),
+    "fast": Level("belt at 0.3 m/s", options={"belt_speed": 0.3, "line_height": 1.7, "hand_x": -0.8}, every_arm=False),
     "accelerating": Level("belt that accelerates by 0.05 m/s^2", {"belt_acceleration": 0.05}),
-    "near": Level("belt at 1.3 m from the base", options={"line_height": 1.3}),
-    "far": Level("belt at 1.85 m from the base, close to the reach of 2 m", options={"line_height": 1.85}),
-    "beside": Level("hand starts up to 0.2 m beside the belt's line", options={"beside": (-0.2, 0.2)}),
+    "near": Level("belt at 1.3 m from the base", options={"line_height": 1.3}, every_arm=False),
+    "far": Level(
+        "belt at 1.85 m from the base, close to the reach of 2 m", options={"line_height": 1.85}, every_arm=False
+    ),
+    "beside": Level("hand starts up to 0.2 m beside the belt's line", options={"beside": (-0.2, 0.2)}, every_arm=False),
     "payload": Level("unknown payload of up to 0.3 kg", {"payload": (0.0, 0.3)}),
     "model_error": Level("each link up to 10 % lighter or heavier", {"mass_error": (-0.1, 0.1)}),
     "friction": Level(

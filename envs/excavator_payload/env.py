@@ -198,6 +198,11 @@ class ExcavatorPayload(Task):
         """One start per generator: hidden quantities, noise and reference, drawn or given."""
         given, shape = self._given_waypoints(options), reference.numbers_needed(self.config.horizon)
         own = options.payload, options.payload_offset, options.friction_scale
+        if options.payload is not None and options.payload > self.config.payload:
+            raise ValueError(
+                f"payload {options.payload:g} kg is heavier than the heaviest, the setting payload of "
+                f"{self.config.payload:g} kg; raise that"
+            )
         return [
             Start(self._hidden.draw(generator, *own), int(generator.integers(2**63)), generator.random(shape), given)
             for generator in generators

@@ -33,6 +33,9 @@ HIGHEST = np.radians([55.0, -40.0, 70.0])
 HEAVIEST = 350.0
 """Payload with which every segment must be possible, kg."""
 
+LONGEST_LEG = 10.0
+"""Longest time from one waypoint to the next, s: that which an observation holds."""
+
 TORQUE_SHARE, SPEED_SHARE = 0.85, 0.85
 """Of the limits, used by what is drawn."""
 LEAST_TIME = 1.2
@@ -161,6 +164,10 @@ def _whole_durations(times: Sequence[float], count: int, period: float) -> list[
     if (np.abs(due - np.rint(due)) > 1e-6).any():
         raise ValueError(f"arrival_times {brief(list(times))} s must be multiples of the control period, {period:g} s")
     durations: list[int] = np.diff(np.rint(due), prepend=0.0).astype(np.int64).tolist()
+    if max(durations, default=0) * period > LONGEST_LEG:
+        raise ValueError(
+            f"arrival_times {brief(list(times))} s: from one to the next, at most {LONGEST_LEG:g} s can be observed"
+        )
     if min(durations) < 1:
         raise ValueError(f"arrival_times {brief(list(times))} s must be positive and grow")
     return durations

@@ -17,6 +17,7 @@ from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import FollowerExpert, JointFieldExpert, MovingTargetExpert, RandomExpert
 from envs.settings import refuse_unknown
 from envs.task import Task
+from planners import Infeasible, MotionProblem, Trajectory
 from planners.capabilities import own_planners
 
 __all__ = [
@@ -43,7 +44,18 @@ def _experts(env_id: str) -> dict[str, Callable[[Any], Expert]]:
     def tracking(planner: Planner) -> Callable[[Any], Expert]:
         return lambda task: PlanningExpert(task, planner, card.replan_every)
 
-    own = {name: tracking(planner) for name, planner in own_planners().items()}
+    def named(name: str, planner: Planner) -> Planner:
+        def plan(problem: MotionProblem) -> Trajectory:
+            try:
+                return planner(problem)
+            except ValueError as error:
+                if isinstance(error, Infeasible):
+                    raise
+                raise ValueError(f"the planner {name} cannot act in {env_id}: {error}") from error
+
+        return plan
+
+    own = {name: tracking(named(name, planner)) for name, planner in own_planners().items()}
     return {**own, **card.experts, "random": RandomExpert}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from envs.physics.actuation import action_scale
 from envs.task import Task
 from planners import JointLimits
 from planners.control import Estimate
@@ -34,7 +35,7 @@ class NominalCommands:
         own = task.arm.limits
         self._mode, self._period = task.config.control_mode, task.config.control_period
         self._chain = task.arm.chain_constants
-        self._torque, self._velocity = own.array("torque"), own.array("velocity")
+        self._torque, self._fastest = own.array("torque"), action_scale(task.arm, "velocity")
         self._acceleration, self._jerk = own.array("acceleration"), own.array("jerk")
         self._within = np.array([within.array(kind) for kind in _SMOOTH])
         self._command_limits = np.array([own.array("velocity"), own.array("acceleration"), within.array("jerk")])
@@ -55,7 +56,7 @@ class NominalCommands:
             wanted, commanded = memory[:, 0].copy(), memory[:, 1].copy()
             _change(estimate.qd, shares * self._jerk * self._period, self._period, self._within, wanted)
         elif self._mode == "velocity":
-            wanted = (shares * self._velocity - estimate.qd) / self._period
+            wanted = (shares * self._fastest - estimate.qd) / self._period
         else:
             wanted = shares * self._acceleration
         nominal = self._nominal(*state, estimate.held_torque(wanted, self._period), wanted)
@@ -67,7 +68,7 @@ class NominalCommands:
             commanded = np.clip(nominal, -self._acceleration, self._acceleration)
             actions = commanded / self._acceleration
             if self._mode == "velocity":
-                actions = (state[1] + self._period * commanded) / self._velocity
+                actions = (state[1] + self._period * commanded) / self._fastest
         tau = inverse_dynamics(*self._chain, *self._half(*state, commanded), commanded)
         return actions, np.clip(tau, -self._torque, self._torque)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.experts.continuity import Moment
 from envs.observation import Observation
 from envs.task import Task
 from planners import Arm
@@ -28,13 +29,13 @@ class AdaptiveState:
         expert: the state of the expert itself.
         sums: least-squares sums of the payload estimate.
         tau: torques of the last action, ``(num_envs, n)``, N m.
-        due: control periods left at the next observation, ``(num_envs,)``.
+        moment: of the last observation.
     """
 
     expert: Any
     sums: LeastSquaresSums
     tau: Array
-    due: NDArray[np.int64]
+    moment: Moment
 
     @property
     def mass_estimate(self) -> Array:
@@ -43,7 +44,7 @@ class AdaptiveState:
 
     def after(self, tau: Array, expert: Any) -> AdaptiveState:
         """The state after an action with torques ``(num_envs, n)``, N m, and the expert's own new state."""
-        return replace(self, expert=expert, tau=tau, due=self.due - 1)
+        return replace(self, expert=expert, tau=tau)
 
 
 class PayloadAdaptation:
@@ -105,14 +106,15 @@ class PayloadAdaptation:
                 not continue the last episode.
         """
         seen = self._task.layout.parse(observations)
-        left = np.rint(seen["time_left"][:, 0] / self._task.config.control_period).astype(np.int64)
+        now = Moment.of(self._task, seen)
         batch, n = seen["joint_position"].shape
-        if before is None or len(before.due) != batch:
-            return AdaptiveState(None, LeastSquaresSums.before(batch, n, self.expected), np.zeros((batch, n)), left)
+        if before is None or len(before.tau) != batch:
+            return AdaptiveState(None, LeastSquaresSums.before(batch, n, self.expected), np.zeros((batch, n)), now)
         state = seen["joint_position"], seen["joint_velocity"], seen["joint_acceleration"]
         sums = self._estimator.update(before.sums, *state, before.tau)
-        sums = sums.restarted(starts | (before.due != left), self.expected)
-        return AdaptiveState(before.expert, sums, before.tau, left)
+        goes_on = now.continues(before.moment, self._task)
+        sums = sums.restarted(starts | ~goes_on, self.expected)
+        return AdaptiveState(before.expert, sums, before.tau, now)
 
 
 def loaded_arms(arm: Arm, payload: Array) -> Iterator[tuple[Arm, slice | NDArray[np.int64]]]:

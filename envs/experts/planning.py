@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, Planner
+from envs.experts.continuity import Moment
 from envs.experts.payload_estimation import AdaptiveState
 from envs.experts.robust import RobustState, careful
 from envs.observation import Observation
@@ -23,6 +24,12 @@ PAYLOAD_TOLERANCE = 0.01
 SOONEST = 4
 """Control periods after which a plan to a target seen with noise is made anew for the first time; then at 8, 16, ..."""
 
+CALM = 0.02
+"""Least period of the tracking controller's gains where jerk is limited, s: a shorter one makes jerk of rounding."""
+
+VELOCITY_TORQUE = 0.97
+"""Share of the torque limits of plans by joint velocities: the environment makes those fit that take more than 98 %."""
+
 REST = 1e-3
 """Joint velocity up to which a plan ends at rest, rad/s."""
 
@@ -35,7 +42,7 @@ class PlanningExpert(Expert):
     it: from the planned state of 4, 8, 16, ... periods after the start, up to half of the episode.
     Without a plan (the problem has no solution), and past its end, the arm brakes within limits. Under declared latency
     it goes on as the plan ends for the periods after which a command may be late.
-    The `state` is a record of each environment's plan, and the control periods left at the next observation.
+    The `state` is a record of each environment's plan, and the `Moment` of the last observation.
 
     Args:
         task: the environment's task.
@@ -50,7 +57,8 @@ class PlanningExpert(Expert):
         super().__init__(task)
         self._planner = planner
         self._replan_every = replan_every
-        self._gains = gains or Gains.sampled(task.config.control_period)
+        smooth = np.isfinite(task.arm.limits.array("jerk")).any()
+        self._gains = gains or Gains.sampled(max(CALM if smooth else 0.0, task.config.control_period))
         samples = task.horizon_steps + 1, task.arm.n_joints
         self._plan_type = np.dtype(
             [
@@ -69,17 +77,20 @@ class PlanningExpert(Expert):
         memory = self._memory.expert if isinstance(self._memory, AdaptiveState | RobustState) else self._memory
         if memory is None:
             return None
-        plan, left = memory[0][env_index], int(memory[1][env_index]) + 1
+        plan, left = memory[0][env_index], int(memory[1].left[env_index])
         ahead: Array = plan["q"][max(0, int(plan["begun"]) - left) : int(plan["last"]) + 1]
         return ahead.copy() if plan["last"] > 0 and len(ahead) else None
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
-        left = np.rint(seen["time_left"][:, 0] / self.task.config.control_period).astype(np.int64)
-        if state is None or len(state[1]) != len(observations):
-            state = np.zeros(len(observations), self._plan_type), np.full(len(observations), -1)
-        plans, expected = state
-        due = starts | (expected != left)
+        now = Moment.of(self.task, seen)
+        left = now.left
+        if state is None or len(state[0]) != len(observations):
+            state = np.zeros(len(observations), self._plan_type), now
+        plans, before = state
+        due = starts | (before.left - left != 1)
+        if self._robust is None:  # which has compared the joints as they are observed
+            due |= ~now.continues(before, self.task)
         if self._replan_every is not None:
             due |= plans["begun"] - left >= self._replan_every
         wanted = np.ones_like(due) if self.idle is None else ~self.idle
@@ -102,11 +113,11 @@ class PlanningExpert(Expert):
                 plans = plans.copy()
                 self._replan(plans, observations, left, known_better, joined=True)
         sample = np.maximum(0, plans["begun"] - left)
-        now, ahead = self._planned_at(plans, sample), self._planned_at(plans, sample + 1)
+        wanted_now, ahead = self._planned_at(plans, sample), self._planned_at(plans, sample + 1)
         qdd = tracking_acceleration(
             seen["joint_position"],
             seen["joint_velocity"],
-            now,
+            wanted_now,
             ahead,
             self.task.config.control_period,
             self._gains,
@@ -116,10 +127,10 @@ class PlanningExpert(Expert):
             self._robust is not None
         ):  # a plan that ends at rest is held; one to a part goes on while commands may be late
             over = sample >= plans["last"] + self._robust.waiting
-            braking &= (plans["last"] == 0) | over & (np.abs(now[1]).max(axis=1) > REST)
+            braking &= (plans["last"] == 0) | over & (np.abs(wanted_now[1]).max(axis=1) > REST)
         if braking.any():
             qdd = np.where(braking[:, None], self._braking(seen), qdd)
-        return self._action_for(seen, qdd), (plans, left - 1)
+        return self._action_for(seen, qdd), (plans, now)
 
     def _planned_at(self, plans: NDArray[Any], sample: NDArray[np.int64]) -> tuple[Array, Array]:
         """Angles and velocities of the plans, ``(num_envs, n)`` each, when the next commands arrive.
@@ -181,20 +192,27 @@ class PlanningExpert(Expert):
         return planned
 
     def _limits_with_room(self, problem: MotionProblem) -> JointLimits | None:
-        """Limits of a plan with room to correct: of one that is kept, or for an unknown payload. None for no room."""
+        """Limits of a plan with room to correct: of one that is kept, for an unknown payload, or for commands that the
+        environment makes fit by less torque. None for no room.
+        """
         if self._replan_every is not None:
             return None
         if self._robust is not None:
             return self._robust.careful(problem.joint_limits)
         adaptation = self._adaptation
-        unknown = adaptation is not None and adaptation.declared and problem.payload == adaptation.expected
-        return careful(problem.joint_limits) if unknown else None
+        if adaptation is not None and adaptation.declared and problem.payload == adaptation.expected:
+            return careful(problem.joint_limits)
+        if self.task.config.control_mode != "velocity":
+            return None
+        torque = VELOCITY_TORQUE * problem.joint_limits.array("torque")
+        return replace(problem.joint_limits, torque=tuple(torque.tolist()))
 
     def _braking(self, seen: dict[str, Array]) -> Array:
         """Accelerations that bring the joints to rest within the limits."""
         arm, period = self.task.arm, self.task.config.control_period
         acceleration, jerk = np.array(arm.limits.acceleration), np.array(arm.limits.jerk)
-        qd, qdd = seen["joint_velocity"], seen["joint_acceleration"]
+        qd = seen["joint_velocity"]
+        qdd = seen.get("joint_acceleration", np.zeros_like(qd))  # not every task shows it
         # At full jerk, speed v can be braked to rest from an acceleration of at most sqrt(2 jerk v).
         limited = np.isfinite(jerk)
         smooth = np.where(limited, np.sqrt(2.0 * np.where(limited, jerk, 0.0) * np.abs(qd)), np.inf)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.commands import NominalCommands
+from envs.experts.continuity import Moment
 from envs.observation import Observation
 from envs.physics.actuation import CONTROL_MODES
 from envs.task import Task
@@ -31,8 +32,9 @@ CAREFUL: dict[LimitKind, float] = {"torque": 0.8, "velocity": 0.97, "acceleratio
 """Shares of the limits that a motion of experts takes under declared uncertainty; the rest is for corrections, and for
 what an arm with other masses makes of a torque."""
 
-_CALM = 0.8
-"""The share of the acceleration limit in jerk mode, where no acceleration takes back in a period what was too much."""
+_CALM = 0.8, 0.72
+"""The share of the acceleration limit in jerk mode, where no acceleration takes back in a period what was too much: of
+commands to an unknown arm, and of motions for one, which leave some of that for corrections."""
 
 
 def careful(limits: JointLimits, acceleration: float = CAREFUL["acceleration"]) -> JointLimits:
@@ -54,14 +56,14 @@ class RobustState:
         expert: the state of the expert itself.
         memory: of the observer, a row an environment.
         points: of the filter of each kind of points that a camera sees.
-        due: control periods left at the next observation, ``(num_envs,)``.
+        moment: of the last observation.
         jerks: of the commands in jerk mode, ``(num_envs, 2, n)``; see `NominalCommands.follow`.
     """
 
     expert: Any
     memory: Array
     points: dict[str, Array]
-    due: NDArray[np.int64]
+    moment: Moment
     jerks: Array
 
 
@@ -117,7 +119,7 @@ class RobustTracking:
             ),
         )
         own = task.arm.limits
-        within = self.careful(own) if self.unknown_arm else own
+        within = careful(own, _CALM[0]) if self.unknown_arm and self._jerks else own
         self._commands = NominalCommands(task, within) if indirect else None
 
     @staticmethod
@@ -136,7 +138,7 @@ class RobustTracking:
 
     def careful(self, limits: JointLimits) -> JointLimits:
         """The shares of some limits that are left for a motion."""
-        return careful(limits, _CALM if self._jerks else CAREFUL["acceleration"])
+        return careful(limits, _CALM[self.unknown_arm] if self._jerks else CAREFUL["acceleration"])
 
     @property
     def waiting(self) -> int:
@@ -161,12 +163,12 @@ class RobustTracking:
         """
         layout, period = self._task.layout, self._task.config.control_period
         seen = layout.parse(observations)
-        left = np.rint(seen["time_left"][:, 0] / period).astype(np.int64)
-        if before is None or len(before.due) != len(left):
-            rows = len(left)
+        now, rows = Moment.of(self._task, seen), len(observations)
+        if before is None or len(before.memory) != rows:
             jerks = np.zeros((rows, 2, self._observer.n_joints))
-            before = RobustState(None, np.zeros((rows, self._observer.width)), {}, left + 1, jerks)
-        begins, memory, jerks = starts | (before.due != left), before.memory.copy(), before.jerks.copy()
+            before = RobustState(None, np.zeros((rows, self._observer.width)), {}, now, jerks)
+        begins, memory = starts | ~now.continues(before.moment, self._task), before.memory.copy()
+        jerks = before.jerks.copy()
         jerks[begins] = 0.0
         estimate = self._observer.update(memory, begins, seen["joint_position"], seen["joint_velocity"])
         points = self._filtered(seen, before, begins)
@@ -177,7 +179,7 @@ class RobustTracking:
             if name in seen:
                 shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
                 seen[name] = seen[name] + shift
-        return layout.compose(seen), estimate, RobustState(before.expert, memory, points, left - 1, jerks), begins
+        return layout.compose(seen), estimate, RobustState(before.expert, memory, points, now, jerks), begins
 
     def _filtered(self, seen: dict[str, Array], before: RobustState, begins: NDArray[np.bool_]) -> dict[str, Array]:
         """The filters of the points after a sample, which they replace by their estimates in ``seen``."""

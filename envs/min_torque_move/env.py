@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from envs.arms import arm_of, quickness, require_limits, scale_of, scaled_view
+from envs.arms import angle_bound, arm_of, quickness, require_limits, require_observed, scale_of, scaled_view
 from envs.environment import PlanarArmEnv
 from envs.min_torque_move import kernels
 from envs.min_torque_move.moves import MOST_SHARE, Move, random_move
@@ -25,6 +25,9 @@ from planners.motion.time_laws import SHAPES
 from planners.robot.arm import Arm
 
 Angles = tuple[float, ...]
+
+LEAST_TURN = 1e-6
+"""Rotation of a joint, rad, below which a move is none: it takes no torque in a horizontal plane."""
 
 
 class MinTorqueMoveConfig(LimitSettings):
@@ -76,7 +79,7 @@ def layout_of(arm: Arm) -> Layout:
     strength = 20.0 * scale_of(arm, "acceleration", PLANAR_3R)
     return Layout(
         (
-            Entry("joint_position", joints, math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_position", joints, math.pi, angle_bound(arm), "rad", "angles of the joints"),
             Entry("joint_velocity", joints, speed, 20.0, "rad/s", "their velocities"),
             Entry(
                 "joint_acceleration",
@@ -86,8 +89,8 @@ def layout_of(arm: Arm) -> Layout:
                 "rad/s^2",
                 "their mean accelerations over the last period",
             ),
-            Entry("goal", joints, math.pi, 4.0, "rad", "angles to reach"),
-            Entry("goal_error", joints, 1.0, 20.0, "rad", "from the angles to the goal"),
+            Entry("goal", joints, math.pi, angle_bound(arm), "rad", "angles to reach"),
+            Entry("goal_error", joints, 1.0, max(20.0, _widest(arm)), "rad", "from the angles to the goal"),
             Entry("torque_limit", joints, most, 10.0, "N m", "largest torque of each joint"),
             Entry("time_left", (), 1.0, 60.0, "s", "until the move must be done"),
             Entry(
@@ -100,6 +103,12 @@ def layout_of(arm: Arm) -> Layout:
             ),
         )
     )
+
+
+def _widest(arm: Arm) -> float:
+    """Width of the widest joint range that is finite, rad."""
+    widths = 2.0 * arm.limits.angle_half
+    return float(widths[np.isfinite(widths)].max(initial=0.0))
 
 
 def moving_arm(config: MinTorqueMoveConfig) -> Arm:
@@ -215,21 +224,25 @@ class MinTorqueMove(Task):
                 raise ValueError(
                     f"{name} has {len(given[name])} joint angles; {self.arm.name} needs {self.arm.n_joints}"
                 )
-        if options.scenario == "random" and not given:
-            return self._drawn(generator, options.torque_share)
-        paper = options.scenario == "paper"
-        move = (paper_move(self.arm) if paper else self._drawn(generator, options.torque_share))._replace(**given)
-        self._require_possible(move)
+        for name in given.keys() & {"start", "goal"}:
+            require_observed(self.arm, name, given[name])
+        if "duration" in given:
+            whole_periods(self.config, "duration", given["duration"])
+        share, fixed = options.torque_share, "the paper's" if options.scenario == "paper" else "duration"
+        if share is not None and (fixed != "duration" or fixed in given):
+            raise ValueError(f"torque_share {share:g} decides the time of a move, and so does {fixed}; leave one out")
+        if options.scenario == "random" and len(given) < len(Move._fields):
+            move = random_move(generator, self.arm, self.config.control_period, self.config.horizon, share, given)
+        else:
+            move = (paper_move(self.arm) if options.scenario == "paper" else Move(**given))._replace(**given)
+            self._require_possible(move)
+        if not self.arm.gravity and float(np.abs(move.goal - move.start).max()) < LEAST_TURN:
+            raise ValueError(
+                f"start and goal are both {move.goal.tolist()} rad: no torque is needed, in whose units effort is paid"
+            )
         return move
 
-    def _drawn(self, generator: np.random.Generator, share: float | None) -> Move:
-        return random_move(generator, self.arm, self.config.control_period, self.config.horizon, share)
-
     def _require_possible(self, move: Move) -> None:
-        whole_periods(self.config, "duration", move.duration)
-        for name, angles in (("start", move.start), ("goal", move.goal)):
-            if not self.arm.limits.within(angles):
-                raise ValueError(f"{name} {angles.tolist()} rad leaves the joint ranges, {self.arm.limits.angle_text}")
         problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)
         with suppress(Infeasible):
             quintic.plan(problem)
@@ -273,8 +286,9 @@ class MinTorqueMoveEnv(PlanarArmEnv):
     ## Starting state
     `reset(options={"scenario": "paper"})` is the paper's move, (0, 0, 0) -> (1, 0, 0) rad in 1 s. Otherwise start,
     goal and duration are drawn, long moves and folded postures among them; the quintic takes at most 90 % of the torque
-    limits and keeps the joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these,
-    `torque_share` the quintic's share of the limits; a move that the planners cannot solve is refused with the reason.
+    limits and keeps the joint ranges, so each is solvable. `start`, `goal` and `duration` fix any of these, and the
+    others are drawn to fit; `torque_share`, in place of `duration`, fixes the quintic's share of the limits. A move
+    that the planners cannot solve, or that goes nowhere in a horizontal plane, is refused with the reason.
 
     ## Episode end
     Terminated when the duration is over: the task ends there, and the observation holds the time left.

@@ -5,10 +5,12 @@ from __future__ import annotations
 from envs.card import Level
 
 LEVELS = {
-    "slow": Level("3 s for every move", options={"duration": 3.0}),
+    "slow": Level("3 s for every move", options={"duration": 3.0}, every_arm=False),
     "short": Level("moves as short as 90 % of the torque limits let the quintic be", options={"torque_share": 0.9}),
     "vertical": Level("in a vertical plane", {"gravity": 9.81}),
-    "vertical_slow": Level("in a vertical plane, 3 s for every move", {"gravity": 9.81}, {"duration": 3.0}),
+    "vertical_slow": Level(
+        "in a vertical plane, 3 s for every move", {"gravity": 9.81}, {"duration": 3.0}, every_arm=False
+    ),
     "payload": Level("unknown payload of up to 0.2 kg", {"payload": (0.0, 0.2)}),
     "model_error": Level("each link up to 10 % lighter or heavier", {"mass_error": (-0.1, 0.1)}),
     "friction": Level(

@@ -9,10 +9,13 @@ velocity or acceleration need that. Along a quintic of duration T the torque is 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.arms import farthest_angle
 from planners.motion.time_laws import quintic
 from planners.problem import FixedJoints, MotionProblem
 from planners.robot.arm import Arm
@@ -47,6 +50,7 @@ def random_move(
     period: float | None = None,
     longest: float = math.inf,
     share: float | None = None,
+    given: Mapping[str, Any] = MappingProxyType({}),
 ) -> Move:
     """One random move of an arm.
 
@@ -59,6 +63,8 @@ def random_move(
         period: the duration is rounded up to a multiple of it, s; longer never takes more torque.
         longest: duration allowed, s.
         share: of the torque limits, that the quintic needs, in place of the drawn one.
+        given: parts of the `Move`, in place of drawn ones; a given time is one in which the quintic keeps to
+            `MOST_SHARE`.
 
     Raises:
         ValueError: if the arm has a joint without torque limit, or no drawn move fits.
@@ -68,22 +74,24 @@ def random_move(
         raise ValueError(f"{arm.name} has torque limits {arm.limits.torque}; all must be finite")
     free = np.isinf(arm.limits.angle_half)
     lower, upper = np.where(free, -np.pi, arm.limits.angle_lower), np.where(free, np.pi, arm.limits.angle_upper)
+    farthest = farthest_angle(arm)
     for _ in range(_TRIES):
-        start = generator.uniform(lower, upper)
-        goal = np.where(free, start, 0.0) + generator.uniform(lower, upper)
+        start = given.get("start", generator.uniform(lower, upper))
+        goal = given.get("goal", np.where(free, start, 0.0) + generator.uniform(lower, upper))
         drawn = generator.uniform(LEAST_SHARE, MOST_SHARE)
-        most = (drawn if share is None else share) * torque
         inertial, static = _quintic_torque(arm, start, goal)
-        room = most - np.sign(inertial) * static
-        if (np.abs(static) > MOST_HELD * most).any():
-            continue
-        duration = max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)), _smooth_time(arm, goal - start))
-        if period is not None:
+        duration = _least_time(arm, goal - start, inertial, static, (drawn if share is None else share) * torque)
+        if period is not None and duration < math.inf:
             duration = period * math.ceil(duration / period)
-        if duration <= longest:
+        if duration > longest or np.abs(goal).max() > farthest:
+            continue
+        if "duration" not in given:
             return Move(start, goal, duration)
+        if _least_time(arm, goal - start, inertial, static, MOST_SHARE * torque) <= given["duration"]:
+            return Move(start, goal, given["duration"])
+    parts = f" with this {' and '.join(sorted(given))}" if given else ""
     raise ValueError(
-        f"{arm.name} can hold its own weight, and move within {longest} s, from and to hardly any posture; "
+        f"{arm.name} can hold its own weight, and move within {longest} s, from and to hardly any posture{parts}; "
         f"raise the torque limits {arm.limits.torque} or the time"
     )
 
@@ -93,6 +101,14 @@ def random_moves(n: int, seed: int, arm: Arm = PLANAR_3R) -> list[MotionProblem]
     generator = np.random.default_rng(seed)
     moves = [random_move(generator, arm) for _ in range(n)]
     return [MotionProblem(arm, move.start, FixedJoints(move.goal), move.duration) for move in moves]
+
+
+def _least_time(arm: Arm, change: Array, inertial: Array, static: Array, most: Array) -> float:
+    """Least time in which the quintic takes these torques at most, s; inf where the weight alone takes most of them."""
+    if (np.abs(static) > MOST_HELD * most).any():
+        return math.inf
+    room = most - np.sign(inertial) * static
+    return max(SHORTEST, math.sqrt(np.max(np.abs(inertial) / room)), _smooth_time(arm, change))
 
 
 def _smooth_time(arm: Arm, change: Array) -> float:

@@ -152,7 +152,7 @@ class ObstacleDodge(Task):
         """One posture, goal and set of disc paths per generator, drawn or given."""
         if options.scenario == "paper":
             given = options.model_dump(exclude={"scenario"}, exclude_none=True)
-            scenario = {**paper_scenario(self.scale), **given}
+            scenario = {"scenario": "paper", **paper_scenario(self.scale), **given}
             options = ObstacleDodgeOptions.parse(scenario, f"{self.env_id} option")
         return self._starts.draw(generators, options)
 
@@ -237,8 +237,8 @@ class ObstacleDodgeEnv(PlanarArmEnv):
 
     ## Action space
     Two numbers in [-1, 1]; larger ones are clipped, NaN is refused. `control_mode` says what they scale: `"torque"`
-    (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (2.4 rad/s at the end
-    of the period, as nearly as the limits allow: all of them hold by construction).
+    (10 and 4 N m), `"acceleration"` (9 and 16 rad/s^2, through inverse dynamics) or `"velocity"` (99.8 % of 2.4 rad/s
+    at the end of the period, as nearly as the limits allow: all of them hold by construction).
 
     ## Observation space
     The entries of the discs, listed below for one, grow with `num_obstacles`. With `observed_discs=4` they have room

@@ -5,14 +5,16 @@ from __future__ import annotations
 from envs.card import Level
 
 LEVELS = {
-    "large": Level("disc with a radius of 0.2 m", options={"obstacle_radius": 0.2}),
-    "fast": Level("disc at 1.5 m/s", options={"obstacle_speed": 1.5}),
-    "very_fast": Level("disc at 2 m/s", options={"obstacle_speed": 2.0}),
+    "large": Level("disc with a radius of 0.2 m", options={"obstacle_radius": 0.2}, every_arm=False),
+    "fast": Level("disc at 1.5 m/s", options={"obstacle_speed": 1.5}, every_arm=False),
+    "very_fast": Level("disc at 2 m/s", options={"obstacle_speed": 2.0}, every_arm=False),
     "fast_large": Level(
-        "disc with a radius of 0.2 m at 1.5 m/s", options={"obstacle_radius": 0.2, "obstacle_speed": 1.5}
+        "disc with a radius of 0.2 m at 1.5 m/s",
+        options={"obstacle_radius": 0.2, "obstacle_speed": 1.5},
+        every_arm=False,
     ),
     "two_discs": Level("two discs", {"num_obstacles": 2}),
-    "fast_two_discs": Level("two discs at 1.5 m/s", {"num_obstacles": 2}, {"obstacle_speed": 1.5}),
+    "fast_two_discs": Level("two discs at 1.5 m/s", {"num_obstacles": 2}, {"obstacle_speed": 1.5}, every_arm=False),
     "three_discs": Level("three discs", {"num_obstacles": 3}),
     "four_discs": Level("four discs", {"num_obstacles": 4}),
     "second_arm": Level("a second arm beside the disc", {"second_arm": True}),

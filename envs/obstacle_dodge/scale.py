@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from envs.arms import quickness, require_limits, scale_of
+from envs.arms import angle_bound, quickness, require_limits, scale_of
 from envs.observation import Entry, Layout
 from envs.obstacle_dodge.paths import PATH_STEP
 from planners import SCARA_50CM, Arm
@@ -66,7 +66,7 @@ def layout_of(arm: Arm, discs: int) -> Layout:
     turning, urging = (scale_of(arm, kind, SCARA_50CM) for kind in ("velocity", "acceleration"))
     return Layout(
         (
-            Entry("joint_position", (2,), math.pi, 4.0, "rad", "angles of the joints"),
+            Entry("joint_position", (2,), math.pi, angle_bound(arm), "rad", "angles of the joints"),
             Entry("joint_velocity", (2,), 2.4 * turning, 10.0, "rad/s", "their velocities"),
             Entry(
                 "joint_acceleration",

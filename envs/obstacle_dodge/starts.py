@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from envs.arms import require_observed
 from envs.batch.generators import WORDS, addresses_of, uniform
 from envs.batch.pool import BATCH, COUNT, Words, job_of, work_on_all
 from envs.batch.records import Records
@@ -30,6 +31,10 @@ LEAST_ELBOW, LEAST_DISTANCE = 0.3, 0.4
 arm."""
 
 
+FASTEST_GIVEN, LARGEST_GIVEN = 5.0, 0.3
+"""Highest speed, m/s, and largest radius, m, that may be given for discs around the task's own arm."""
+
+
 class ObstacleDodgeOptions(Settings):
     """Options of ``reset``: what is left out is drawn (``"random"``) or a fixed crossing (``"paper"``).
 
@@ -38,8 +43,8 @@ class ObstacleDodgeOptions(Settings):
         start: joint angles at the start, rad.
         goal: position of the hand to reach, m from the base.
         obstacle_kind: ``"waypoints"``, ``"passes"`` or ``"wander"``, for every disc.
-        obstacle_speed: speed of every disc, m/s.
-        obstacle_radius: radius of every disc, m.
+        obstacle_speed: speed of every disc, m/s, up to 5 m/s, or what that is for another arm.
+        obstacle_radius: radius of every disc, m, up to 0.3 m, or what that is for another arm.
         obstacle_paths: for each disc the points, m from the base, between which it moves at constant speed; it stays
             at the last one.
     """
@@ -48,8 +53,8 @@ class ObstacleDodgeOptions(Settings):
     start: Pair | None = None
     goal: Pair | None = None
     obstacle_kind: Kind | None = None
-    obstacle_speed: float | None = Field(None, gt=0.0, le=5.0)
-    obstacle_radius: float | None = Field(None, gt=0.0, le=0.3)
+    obstacle_speed: float | None = Field(None, gt=0.0)
+    obstacle_radius: float | None = Field(None, gt=0.0)
     obstacle_paths: tuple[Annotated[tuple[Pair, ...], Field(min_length=1)], ...] | None = None
 
 
@@ -171,9 +176,21 @@ class DodgeStarts:
         """
         length, given = self._scale.length, options.obstacle_paths
         if given is not None and len(given) != self._discs:
-            raise ValueError(f"obstacle_paths holds {len(given)} paths for {self._discs} discs; give one per disc")
+            what = "the paper's scenario has a path" if options.scenario == "paper" else "obstacle_paths holds paths"
+            raise ValueError(
+                f"{what} of {len(given)} for num_obstacles={self._discs} discs; give obstacle_paths, one per disc"
+            )
+        if given is not None and options.obstacle_kind is not None:
+            raise ValueError("obstacle_kind is of discs that are drawn, and their paths are given; leave one out")
+        for name, most, unit in (
+            ("obstacle_speed", FASTEST_GIVEN * length / self._scale.time, "m/s"),
+            ("obstacle_radius", LARGEST_GIVEN * length, "m"),
+        ):
+            value = getattr(options, name)
+            if value is not None and not value <= most:
+                raise ValueError(f"{name} {value:g} {unit} must be at most {most:.4g} {unit} with {self._arm.name}")
         if options.start is not None:
-            self._require_in_range(options.start)
+            require_observed(self._arm, "start", np.array(options.start))
         radius = length * OBSTACLE_RADIUS if options.obstacle_radius is None else options.obstacle_radius
         speed = math.nan if options.obstacle_speed is None else options.obstacle_speed / (length / self._scale.time)
         draws = np.zeros(len(generators), _DRAW)
@@ -257,10 +274,6 @@ class DodgeStarts:
         if not allowed:
             raise ValueError(f"goal {goal} m: every posture with the hand there leaves a joint's range")
         return min(allowed, key=lambda q: float(q[1] * start[1] < 0.0))
-
-    def _require_in_range(self, start: Pair) -> None:
-        if not self._arm.limits.within(start):
-            raise ValueError(f"start {list(start)} rad leaves the joint ranges, {self._arm.limits.angle_text}")
 
     def _require_clear(self, start: Array, discs: Array, radius: float) -> None:
         for disc in discs:

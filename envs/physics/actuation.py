@@ -69,7 +69,7 @@ def actuation_constants(arm: Arm, control_mode: ControlMode) -> dict[str, Any]:
 
 def action_scale(arm: Arm, control_mode: ControlMode) -> Array:
     """Physical value of an action of 1, ``(n,)``: N m, rad/s^2, rad/s^3 or rad/s."""
-    return arm.limits.array(control_mode)
+    return arm.limits.array(control_mode) * (VELOCITY_SHARE if control_mode == "velocity" else 1.0)
 
 
 @inlined

@@ -7,6 +7,7 @@ critics; a policy does not observe it, and `Task.arm` stays the nominal arm.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any
@@ -90,6 +91,12 @@ class Uncertainty:
         for end in {config.latency} if isinstance(config.latency, float) else set():
             if end:
                 whole_multiple("latency", end, "physics_step", config.physics_step)
+        soonest, latest = (end / self._step for end in self.ends["latency"])
+        self._delays = math.ceil(soonest - 1e-9), math.floor(latest + 1e-9)
+        if self._delays[0] > self._delays[1]:
+            raise ValueError(
+                f"latency {config.latency} s holds no multiple of the physics_step, {self._step:g} s; widen the range"
+            )
         longest = LONGEST_DELAY * config.control_period
         if max(self.ends["latency"]) > longest * (1.0 + 1e-9):
             raise ValueError(
@@ -151,7 +158,8 @@ class Uncertainty:
             record[name] = low + share * (high - low)
         low, high = self.mass_error
         record["mass_scale"] = 1.0 + low + numbers[len(DRAWN) :] * (high - low)
-        record["latency_steps"] = round(float(record["latency"]) / self._step)
+        fewest, most = self._delays
+        record["latency_steps"] = min(most, max(fewest, round(float(record["latency"]) / self._step)))
         record["latency"] = float(record["latency_steps"]) * self._step
         record["noise_key"] = key
         if self.own_bodies:

@@ -38,7 +38,8 @@ class _Private(CPUDispatcher):
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """What a compiled caller calls: one function for every number, also for constants in the caller's code."""
-        return super().get_call_template([types.unliteral(each) for each in args], kws)
+        unliteral: Any = types.unliteral
+        return super().get_call_template([unliteral(each) for each in args], kws)
 
 
 @cache

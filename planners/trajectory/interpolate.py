@@ -69,9 +69,7 @@ def peak_jerk(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: floa
 
 
 @dividing
-def jerk_roots(
-    h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float
-) -> tuple[float, float]:
+def jerk_roots(h: float, q0: float, qd0: float, qdd0: float, q1: float, qd1: float, qdd1: float) -> tuple[float, float]:
     """The shares of ``h`` at which the acceleration of the quintic between two samples turns; -1 where it does not."""
     first, slope, bend = jerk_parabola(h, q0, qd0, qdd0, q1, qd1, qdd1)
     size = max(abs(first), abs(slope), abs(bend))

@@ -24,6 +24,9 @@ QUARTIC = np.array(_WEIGHTS) / 24.0
 """Coefficients of the polynomial through the five torques: for each power of the place, in parts from the middle of the
 interval, the weights of the torques, ``(5, 5)``."""
 
+TURN, MOST_BLOCKS = 0.25, 250.0
+"""Rotation of all joints together over which torques are a polynomial, rad; largest number of these in an interval."""
+
 ROUNDS = 5
 """Places at which the polynomial is evaluated on the way, by Newton's method, to where it turns."""
 
@@ -127,19 +130,26 @@ def _loads(
         h = t[i + 1] - t[i]
         if torques and h > 0.0:
             for j in range(n):
-                inner[0, j], inner[PARTS, j] = tau[i, j], tau[i + 1, j]
+                inner[PARTS, j] = tau[i, j]
             blurred = _torque_blur(t[i + 1], h, i, q, qd, qdd, rounding, coupling, mass, blur)
-            doubtful = True
-            for k in MIDDLE_FIRST:
-                if doubtful:
-                    _torque(k / PARTS, h, i, q, qd, qdd, coupling, weight, point, inner[k])
-                    doubtful = k != PARTS // 2 or blurred or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
-            if doubtful:
+            blocks = _blocks(h, i, q, qd)
+            for block in range(blocks):
                 for j in range(n):
-                    _fit_quartic(inner, j, quartic)
-                    for k in range(1, 2 * PARTS):
-                        load = (_peak(0.5 * k - 0.5 * PARTS, quartic) + blur[j]) / limits[TORQUE, j]
-                        _raise(ratios, joints, times, TORQUE, j, t[i] + 0.5 * k / PARTS * h, load)
+                    inner[0, j], inner[PARTS, j] = inner[PARTS, j], tau[i + 1, j]
+                if block + 1 < blocks:
+                    _torque((block + 1.0) / blocks, h, i, q, qd, qdd, coupling, weight, point, inner[PARTS])
+                doubtful = True
+                for k in MIDDLE_FIRST:
+                    if doubtful:
+                        _torque((block + k / PARTS) / blocks, h, i, q, qd, qdd, coupling, weight, point, inner[k])
+                        doubtful = k != PARTS // 2 or blurred or _may_exceed(inner, limits[TORQUE], ratios[TORQUE])
+                if doubtful:
+                    for j in range(n):
+                        _fit_quartic(inner, j, quartic)
+                        for k in range(1, 2 * PARTS):
+                            load = (_peak(0.5 * k - 0.5 * PARTS, quartic) + blur[j]) / limits[TORQUE, j]
+                            place = (block + 0.5 * k / PARTS) / blocks
+                            _raise(ratios, joints, times, TORQUE, j, t[i] + place * h, load)
         if jerks:
             for j in range(n):
                 if limits[JERK, j] < np.inf:
@@ -164,6 +174,15 @@ def _torque(
     """Torques at a share ``s`` of interval ``i``, written to ``tau``; ``point`` is scratch, ``(3, n)``."""
     between_samples(s, h, i, q, qd, qdd, point)
     inverse_dynamics_single(coupling, weight, point[0], point[1], point[2], tau)
+
+
+@private
+def _blocks(h: float, i: int, q: Array, qd: Array) -> int:
+    """Equal blocks of interval ``i``, in each of which five torques show how they go: many where joints spin."""
+    turn = 0.0
+    for j in range(q.shape[1]):
+        turn += max(abs(q[i + 1, j] - q[i, j]), h * abs(qd[i, j]), h * abs(qd[i + 1, j]))
+    return 1 + int(min(turn / TURN, MOST_BLOCKS))
 
 
 @private

@@ -16,6 +16,7 @@ from pages import follow
 
 import agents
 import envs
+import planners
 from agents.cli import main
 from agents.policies.files import describe_layout, layout_of
 from agents.policies.policy import as_policy
@@ -272,3 +273,26 @@ def test_an_agent_says_at_once_that_it_was_trained_for_another_arm(tmp_path: Pat
     assert agents.evaluate(own, ENV, [0]).metrics["peak_torque"] > 0.0  # in the arm that it carries
     with pytest.raises(ValueError, match=r"another arm: arm \(links of 0\.42, 0\.31 m .* has SCARA_1M"):
         agents.evaluate(own, ENV, [0], env_config={})
+
+
+def test_a_planner_of_joint_motions_acts_where_it_can_and_is_named_where_it_cannot() -> None:
+    planners.register("of_joints", lambda problem: planners.quintic.plan(problem))
+    try:
+        assert agents.evaluate("of_joints", "ExcavatorPayload-v0", range(1)).lengths[0] > 100
+        for env_id in ("ConveyorTrack-v0", "ObstacleDodge-v0"):
+            with pytest.raises(
+                ValueError, match=f"the planner of_joints cannot act in {env_id}: quintic goes to a target"
+            ):
+                agents.evaluate("of_joints", env_id, range(1))
+    finally:
+        VARIANTS.pop(("of_joints", ""))
+
+
+def test_an_agent_of_one_disc_says_so_among_two() -> None:
+    with pytest.raises(ValueError, match=r"observes 36 numbers.* it was trained with num_obstacles 1 \(here 2\)"):
+        agents.evaluate("agent", "ObstacleDodge-v0", range(2), env_config={"num_obstacles": 2})
+
+
+def test_seeds_may_come_from_an_iterator() -> None:
+    found = agents.compare(["follower", "random"], ENV, iter(range(3)))
+    assert "3 episodes" in str(found)

@@ -69,7 +69,9 @@ def test_a_replay_is_the_episode_of_its_seed(scored: dict[str, Any], task: int, 
     assert places[0] == 0
     assert places[-1] == len(wanted) - 1 == recorded["length"]
     since = [max(speeds[last + 1 : place + 1]) for last, place in pairwise(places)]
-    gauge = np.cumsum([int(step) for step in recorded["numbers"][f"limit_gauges.{inner.gauges.index('velocity')}.1"].split()])
+    gauge = np.cumsum(
+        [int(step) for step in recorded["numbers"][f"limit_gauges.{inner.gauges.index('velocity')}.1"].split()]
+    )
     np.testing.assert_allclose(gauge[1:] / 100, since, atol=0.51e-2)
 
 

@@ -88,3 +88,23 @@ def test_a_control_takes_what_it_says_and_refuses_the_rest(env_id: str) -> None:
                 env.task.change(0, control, *given)
             assert env.task.batch.tobytes() == before
         assert env.task.change(0, control, [0.3, 0.2] if control.span is None else np.float32(0.5 * sum(control.span)))
+
+
+def test_a_task_that_is_registered_again_replaces_the_class_too() -> None:
+    first, second = (type(name, (ConveyorTrack,), {"env_id": "Again-v0"}) for name in ("First", "Second"))
+    card = envs.task_card("ConveyorTrack-v0")
+    try:
+        for task in (first, second):
+            envs.register("Again-v0", task, card)
+            with gym.make("Again-v0") as env:
+                assert type(env.unwrapped.task) is task  # type: ignore[attr-defined]
+    finally:
+        gym.registry.pop("Again-v0", None)
+        envs.card._CARDS.pop("Again-v0", None)
+
+
+@every_env
+def test_no_own_task_takes_the_id_of_a_shipped_one(env_id: str) -> None:
+    with pytest.raises(ValueError, match="give your own another id"):
+        envs.register(env_id, type("Own", (ConveyorTrack,), {"env_id": env_id}), envs.task_card(env_id))
+    assert type(gym.make(env_id).unwrapped.task).__name__ != "Own"  # type: ignore[attr-defined]

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import envs
 import planners
+from envs.experts import expert_names
 from planners import (
     PLANAR_3R,
     SCARA_50CM,
@@ -269,3 +271,27 @@ def test_what_is_no_planner_is_not_registered(plan: Any, takes: Any, message: st
     with pytest.raises(TypeError, match=message):
         planners.register("stub", plan, takes)
     assert ("stub", "") not in VARIANTS
+
+
+def test_no_own_planner_takes_the_name_of_a_policy() -> None:
+    for env_id in envs.env_ids():
+        for name in ("agent", *expert_names(env_id)):
+            with pytest.raises(ValueError, match="choose another name"):
+                planners.register(name, lambda problem: planners.quintic.plan(problem))
+
+
+def test_only_the_joint_that_begins_beyond_a_limit_may_exceed_it() -> None:
+    limits = JointLimits(torque=(10.0, 4.0), velocity=2.0, acceleration=20.0, angle=(2.8, 2.6))
+    problem = MotionProblem(SCARA_50CM, [0.0, 1.0], FixedJoints([1.0, 2.5]), 0.97, qd=[3.0, 0.0], limits=limits)
+    with pytest.raises(Infeasible, match=r"joint 2 to 1\.45 times its velocity limit"):
+        planners.quintic.plan(problem)
+    peak = np.abs(planners.quintic.plan(replace(problem, horizon=3.0)).at(np.linspace(0.0, 3.0, 999))[1]).max(axis=0)
+    assert peak[0] == pytest.approx(3.0)
+    assert peak[1] < 2.0
+
+
+@pytest.mark.parametrize("name", ["dpct", "lagrange", "apf", "quintic", "trapezoid", None])
+def test_a_target_outside_of_the_joint_ranges_is_named_at_once(name: str | None) -> None:
+    problem = MotionProblem(SCARA_50CM, [0.2, 1.5], FixedJoints([1.2, 2.65]), 2.0)
+    with pytest.raises(Infeasible, match=r"joint 2 at 2\.65 rad; the joint ranges are"):
+        planners.plan(problem, name)

@@ -103,7 +103,8 @@ def _broken_limits(
             found.append(f"says {said:.7g} times its {kind} limit and has {ratio:.7g}")
         if kind not in kept:
             continue
-        excess = ratio - max(1.0, _start_load(problem, kind))
+        beyond = (value - rounding) / limit - np.maximum(1.0, _start_load(problem, kind))
+        excess = float(beyond.max(initial=-1.0)) if kind != "jerk" else ratio - 1.0
         if not excess <= ALLOWED:
             found.append(f"{kind} {1.0 + excess:.7g} times its limit")
         if kind == "jerk" and not (jumps[:, np.isfinite(limit)] <= 1e-8 * np.abs(qdd).max()).all():
@@ -166,12 +167,14 @@ def _grid(motion: Trajectory) -> tuple[Array, NDArray[np.bool_]]:
     return t, np.isin(t[1:], jumps)
 
 
-def _start_load(problem: MotionProblem, kind: LimitKind) -> float:
+def _start_load(problem: MotionProblem, kind: LimitKind) -> Array:
+    """|value| / limit of each joint at the start, ``(n,)``."""
     q, qd, qdd = problem.start
     limits = problem.joint_limits
     values = {"velocity": qd, "acceleration": qdd, "angle": q - limits.angle_middle, "jerk": 0.0 * q}
     values["torque"] = torques(problem, q[None], qd[None], qdd[None])[0]
-    return float((np.abs(values[kind]) / limits.array(kind)).max())
+    load: Array = np.abs(values[kind]) / limits.array(kind)
+    return load
 
 
 def hands(arm: Arm, q: Array) -> Array:
