@@ -46,6 +46,10 @@ _HOMES = {
 }
 
 
+def __dir__() -> list[str]:
+    return [*globals(), *_HOMES, "__version__"]
+
+
 def __getattr__(name: str) -> Any:
     """Import what is public on first use: `planarm --help` must not wait for the physics."""
     if name == "__version__":

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import make_dataclass
 from importlib import import_module, metadata
+from itertools import pairwise
 from typing import Annotated, Any, NamedTuple, Union
 
 import tyro
@@ -48,6 +49,9 @@ COMMANDS = {
         "agents.papers.excavator.command", "PaperExcavatorOptions", "the excavator paper's results"
     ),
 }
+
+REPEATED = ("--obstacle",)
+"""Options of which each is one more."""
 
 DESCRIPTION = """\
 Simulated planar robot arms, with classical planners and trained agents for the same tasks.
@@ -94,6 +98,8 @@ def _answer(given: list[str]) -> int:
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # of a terminal that has no such character
     named = next((name for name in given[:1] if name in COMMANDS), None)
+    if repeated := _repeated(given):
+        return _complain(named, f"{repeated} is given twice: give it once, with all of its values behind it", 2)
     try:
         if given == ["--version"]:
             print(f"planarm {metadata.version('planarm')}")
@@ -170,12 +176,31 @@ def _parse(arguments: list[str], named: str | None) -> Any:
             kinds.append(Annotated[empty, tyro.conf.subcommand(name, description=command.summary)])
     union: Any = Union[tuple(kinds)]  # noqa: UP007
     config = (tyro.conf.OmitSubcommandPrefixes,)
+    arguments = _changes_together(arguments) if named == "train" else arguments
     printed = io.StringIO()
     try:
         with redirect_stdout(printed):
             return tyro.cli(union, prog="planarm", description=DESCRIPTION, args=arguments, config=config)
     finally:
         sys.stdout.write(_wrapped(printed.getvalue()))
+
+
+def _repeated(arguments: list[str]) -> str | None:
+    """An option that is given twice, if there is one: the last one alone would count."""
+    given = [word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--")]
+    return next((option for option in given if given.count(option) > 1 and option not in REPEATED), None)
+
+
+def _changes_together(arguments: list[str]) -> list[str]:
+    """Arguments with every key=value in front of the options, where alone they are understood."""
+    changes = [
+        word
+        for before, word in pairwise(arguments)
+        if re.match(r"[A-Za-z_][\w.]*=", word) and not before.startswith("--")
+    ]
+    place = next((place for place, word in enumerate(arguments) if word.startswith("--")), len(arguments))
+    first, others = ([word for word in part if word not in changes] for part in (arguments[:place], arguments[place:]))
+    return [*first, *changes, *others] if len(first) > 1 else arguments  # the configuration comes before them
 
 
 def _wrapped(text: str) -> str:

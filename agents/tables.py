@@ -69,7 +69,8 @@ class Table:
         if not console.is_terminal or markdown:
             text = io.StringIO()
             unbroken = Console(file=text, width=_MARKDOWN_WIDTH)
-            full._print(unbroken, self.title and f"### {self.title}", self._rich(box.MARKDOWN, narrow=False))
+            escaped = replace(full, rows=[[cell.replace("|", r"\|") for cell in row] for row in full.rows])
+            escaped._print(unbroken, self.title and f"### {self.title}", escaped._rich(box.MARKDOWN, narrow=False))
             lines = "\n".join(line.rstrip() for line in text.getvalue().strip().splitlines())
             console.print(Text(f"{lines}\n"), soft_wrap=True)
         elif self.foremost and not wide:

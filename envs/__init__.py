@@ -22,6 +22,10 @@ for _folder, _name in {
     register(f"{_name}-v0", f"envs.{_folder}.env:{_name}", f"envs.{_folder}.card:CARD")
 
 
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
+
+
 def __getattr__(name: str) -> Any:
     # Loaded when asked for: registering ids must not cost the import of every planner.
     if name == "make_expert":

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -207,6 +208,8 @@ def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
     single, vector = "envs.environment:PlanarArmEnv", "envs.vector_environment:PlanarArmVectorEnv"
     if isinstance(task, str):
         single = f"{task}Env"
+    elif task.__module__ != "__main__" and getattr(sys.modules[task.__module__], task.__qualname__, None) is task:
+        task = f"{task.__module__}:{task.__qualname__}"  # what a dataset can hold, and another process find
     before = gym.registry[env_id].kwargs.get("task_type") if env_id in gym.registry else None
     if isinstance(before, str) and before.startswith("envs.") and task != before:
         raise ValueError(f"{env_id} is a task of planarm; give your own another id")

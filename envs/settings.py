@@ -109,6 +109,8 @@ def _complaint(error: Mapping[str, Any]) -> str:
     if error["type"] == "value_error" and isinstance(error["input"], Mapping):
         return f"{place:.120}: {error['ctx']['error']}" if place else str(error["ctx"]["error"])
     message = str(error["ctx"]["error"]) if error["type"] == "value_error" else error["msg"]
+    if error["type"] == "tuple_type":
+        message = f"give a list, such as [{brief(error['input'])}]"
     return f"{place:.120} = {brief(error['input'])}: {message:.300}"
 
 

@@ -39,6 +39,10 @@ except ImportError as error:
 import_module("envs")  # registers the ids
 
 
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
+
+
 def __getattr__(name: str) -> Any:
     # Loaded when asked for: registering ids must not cost the import of every planner.
     if name in __all__:

@@ -49,6 +49,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
+
+
 def __getattr__(name: str) -> Any:
     if name in ("apf", "control", "dpct", "lagrange", "quintic", "trapezoid"):  # an environment needs one of them
         return import_module(f"planners.{name}")

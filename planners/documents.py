@@ -118,7 +118,7 @@ def _checked(document: Any) -> Any:
 
 
 class _PlainLoader(_Loader):  # type: ignore[misc]
-    """Refuses a key that stands twice in a mapping, and reads 1e-4 as a number, as YAML 1.2 does."""
+    """Refuses a key that stands twice in a mapping, and reads 1e-4 and 010 as numbers, as YAML 1.2 does."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         _unique([(self.construct_object(key, deep=True), None) for key, _ in node.value])
@@ -126,6 +126,15 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
         return mapping
 
 
+def _whole_number(loader: _PlainLoader, node: yaml.ScalarNode) -> Any:
+    """A whole number as YAML 1.2 reads it: 010 is ten, 0o10 eight, and 1:30 is text."""
+    text = str(node.value)
+    if re.fullmatch(r"[-+]?0[0-9]+", text):
+        return int(text, 10)
+    return text if ":" in text else loader.construct_yaml_int(node)
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 _POWER_OF_TEN = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _PlainLoader.add_implicit_resolver("tag:yaml.org,2002:float", _POWER_OF_TEN, list("-+.0123456789"))
 

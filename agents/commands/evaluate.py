@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -15,7 +16,8 @@ from agents.policies.agent import ACTION_SETTINGS
 from agents.policies.files import load_agent
 from agents.policies.lookup import find_policy, is_shipped
 from agents.report.outputs import ScoreOutputs, run_and_print
-from agents.yaml_config import assigned
+from agents.training.recipe import TrainingConfig
+from agents.yaml_config import assigned, load_config
 from envs.experts import is_expert
 
 
@@ -24,7 +26,8 @@ class EvaluateOptions(ScoreOutputs):
     """Score a policy: an expert, an agent that was trained here, a model of Stable-Baselines3, or one of your own.
 
     The same seed begins the same episode for every policy, so that --against compares in pairs. A policy of your own
-    training is scored in the settings that it was trained in, unless --settings changes them; all others with it.
+    training is scored in the settings that it was trained in, unless --level or --settings changes them; all others
+    with it.
 
     For example:
 
@@ -62,7 +65,9 @@ class EvaluateOptions(ScoreOutputs):
         """The evaluation as a benchmark of one task."""
         env_id = self._env_id()
         named = find_policy(self.policy, env_id, allow_code=self.allow_code)
-        carried = {name: value for name, value in named.env_config.items() if name not in ACTION_SETTINGS}
+        carried = {} if is_shipped(self.policy) else dict(named.env_config)
+        at_level, _ = envs.task_card(env_id).at_level(self.level, {}, {})
+        carried = {name: value for name, value in carried.items() if name not in {*ACTION_SETTINGS, *at_level}}
         settings = {
             "episodes": self.episodes,
             "bound_episodes": 0,
@@ -91,7 +96,14 @@ class EvaluateOptions(ScoreOutputs):
         names_none = is_expert(self.policy) or is_in_module(self.policy) or self.policy.endswith(".zip")
         if names_none or is_shipped(self.policy):
             raise ValueError(f"no environment: give --env, one of {', '.join(envs.env_ids())}")
-        return load_agent(self.policy).env_id
+        try:
+            return load_agent(self.policy).env_id
+        except ValueError as error:
+            config = Path(self.policy) / "config.yaml"
+            named = load_config(str(config), TrainingConfig).env if config.is_file() else ""
+            if is_in_module(named):
+                raise ValueError(f"{error}; its task is one of your own: give --env {named}") from None
+            raise
 
 
 def run(options: EvaluateOptions) -> int:

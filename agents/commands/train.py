@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -63,16 +64,22 @@ class TrainOptions:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a run to --resume")
         named = [f"{name}={value}" for name in ("seed", "total_steps") if (value := getattr(self, name)) is not None]
         changes = [f"env_config.{change}" if change.startswith("arm=") else change for change in self.changes]
-        return self._at_level(load_config(self.config, TrainingConfig)).overridden([*changes, *named])
+        return self._at_level(load_config(self.config, TrainingConfig), [*changes, *named])
 
-    def _at_level(self, config: TrainingConfig) -> TrainingConfig:
+    def _at_level(self, config: TrainingConfig, changes: Sequence[str]) -> TrainingConfig:
+        """A configuration with changes, at the level; what is changed has precedence."""
         if self.level is None:
-            return config
+            return config.overridden(changes)
         settings, options = envs.task_card(config.env_id).at_level(self.level, {}, {})
         if options:
-            return config.overridden([f"levels=[{self.level}]"])
-        changes = [f"env_config.{name}={json.dumps(value)}" for name, value in settings.items()]
-        return config.overridden([*changes, "levels=[]"])
+            return config.overridden([f"levels=[{self.level}]", *changes])
+        levelled = [f"env_config.{name}={json.dumps(value)}" for name, value in settings.items()]
+        whole = [change for change in changes if change.partition("=")[0].strip() == "env_config"]
+        single = [change for change in changes if change not in whole]
+        own = config.overridden(whole)
+        given = own.env_config if whole else {}
+        levelled = [change for name, change in zip(settings, levelled, strict=True) if name not in given]
+        return own.overridden([*levelled, "levels=[]", *single])
 
     def make_run(self) -> TrainingRun:
         """The run to continue, or a new one."""

@@ -49,6 +49,8 @@ class DatasetOptions:
     """Which start, short for --options scenario=...; paper is the paper's."""
     options: tuple[str, ...] = ()
     """key=value for each option of the reset, such as belt_speed=0.2."""
+    level: str | None = None
+    """Difficulty level, from the task's card (docs/benchmark/levels.md)."""
     settings: tuple[str, ...] = ()
     """key=value for each setting of the environment to change from its default, such as control_mode=jerk."""
     only_successes: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
@@ -62,7 +64,9 @@ class DatasetOptions:
 def run(options: DatasetOptions) -> int:
     """Record; the exit code."""
     env_id = import_env(options.env)
-    envs.task_card(env_id)  # raises for an unknown id
+    card = envs.task_card(env_id)  # raises for an unknown id
+    given = assigned({}, options.settings), given_options(options.options, options.scenario)
+    settings, reset_options = card.at_level(options.level, *given)
     policies = options.policies or (expert_names(env_id)[0],)
     with catch_interrupt(at_once=True) as interrupts, progress_bar("episodes") as bar:
         task = bar.add_task(f"recording {options.out}", total=len(policies) * options.episodes)
@@ -72,8 +76,8 @@ def run(options: DatasetOptions) -> int:
             policies,
             options.episodes,
             seed=options.seed,
-            env_config=assigned({}, options.settings),
-            options=given_options(options.options, options.scenario),
+            env_config=settings,
+            options=reset_options,
             only_successes=options.only_successes,
             overwrite=options.overwrite,
             allow_code=options.allow_code,

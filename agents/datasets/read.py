@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.datasets.store import fingerprint, open_dataset
+from agents.datasets.store import DETAILS, as_json, fingerprint, open_dataset
 from agents.environments import make_batch, portable, task_type
 from planners.checks import brief
 from planners.typing import Array
@@ -32,12 +32,14 @@ class Demonstration:
     terminated: bool
 
 
-def check_dataset(dataset: str, env_id: str, settings: Mapping[str, Any], sha256: str | None = None) -> str:
-    """The fingerprint of a dataset whose episodes are of an environment with these settings.
+def check_dataset(
+    dataset: str, env_id: str, settings: Mapping[str, Any], options: Mapping[str, Any], sha256: str | None = None
+) -> str:
+    """The fingerprint of a dataset whose episodes are of an environment with these settings and reset options.
 
     Raises:
-        ValueError: if there is no such dataset, it cannot be read, it is of another environment or other settings, or
-            its fingerprint is not ``sha256``.
+        ValueError: if there is no such dataset, it cannot be read, it is of another environment, other settings or
+            options, its fingerprint is not ``sha256``, or a number in it is not finite or out of range.
         gymnasium.error.DependencyNotInstalled: without Minari, the extra ``data``.
     """
     opened = open_dataset(dataset)
@@ -49,6 +51,13 @@ def check_dataset(dataset: str, env_id: str, settings: Mapping[str, Any], sha256
         raise ValueError(f"dataset {dataset} is of {'no environment' if spec is None else spec.id}, not of {env_id}")
     if differences := _differences(env_id, spec.kwargs, settings):
         raise ValueError(f"dataset {dataset} was recorded with other settings of {env_id}: {'; '.join(differences)}")
+    details = opened.storage.metadata.get(DETAILS)  # other tools' datasets have none
+    recorded_options = details.get("options", {}) if isinstance(details, dict) else {}
+    if recorded_options != as_json(dict(options)):
+        raise ValueError(
+            f"dataset {dataset} was recorded with reset options {brief(recorded_options)}, and the run has "
+            f"{brief(dict(options))}"
+        )
     env = make_batch(env_id, 1, settings)
     spaces = {"observations": env.single_observation_space, "actions": env.single_action_space}
     env.close()
@@ -57,6 +66,15 @@ def check_dataset(dataset: str, env_id: str, settings: Mapping[str, Any], sha256
             raise ValueError(
                 f"dataset {dataset} has {what} of shape {recorded.shape}; {env_id} has {spaces[what].shape}"
             )
+    bounds = env.single_action_space
+    for number, episode in enumerate(read_dataset(dataset)):
+        if not len(episode.observations) - 1 == len(episode.actions) == len(episode.rewards) > 0:
+            raise ValueError(f"episode {number} of dataset {dataset} has not as many actions, rewards and observations")
+        for what, numbers in (("observations", episode.observations), ("actions", episode.actions)):
+            if not np.isfinite(numbers).all():
+                raise ValueError(f"episode {number} of dataset {dataset} has {what} that are not finite")
+        if not all(bounds.contains(action) for action in episode.actions.astype(bounds.dtype)):
+            raise ValueError(f"episode {number} of dataset {dataset} has actions outside of {bounds}")
     return found
 
 

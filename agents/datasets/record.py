@@ -22,6 +22,7 @@ from agents.policies.play import play
 from agents.policies.policy import Actor
 from agents.provenance import machine, versions
 from envs.experts.base import Expert
+from planners.checks import brief
 from planners.typing import Array
 
 Info = Mapping[str, Any]
@@ -115,14 +116,20 @@ def record_dataset(
         KeyboardInterrupt: if Ctrl-C comes before the first episode has ended.
     """
     minari()
-    if episodes < 1:
-        raise ValueError(f"episodes {episodes} must be at least 1")
+    if not isinstance(episodes, int | np.integer) or episodes < 1:
+        raise ValueError(f"episodes {brief(episodes)} must be a whole number from 1")
     seed = check_seed(seed)
     env_id = import_env(env_id)
     named = name_policies(policies, env_id, allow_code=allow_code)
     given = portable(env_config or {})
     settings = _common_settings(named, given)
     check_names(env_id, settings, options or {})
+    for name, value in (options or {}).items():
+        try:
+            np.asarray(value)
+        except ValueError:
+            message = f"option {name} {brief(value)} has lists of different lengths, which HDF5 cannot hold"
+            raise ValueError(message) from None
     recorded = [Recorded(each.name) for each in named]
     began = datetime.now(UTC).isoformat("T", "seconds")
     finished = False

@@ -12,6 +12,7 @@ from agents.environments import MOST_EPISODES, SEED_MOST, import_env, portable
 from agents.yaml_config import load_config, refuse_twice
 from envs.experts import ADAPTIVE, expert_names, is_expert
 from envs.settings import Settings, refuse_unknown
+from planners.checks import brief
 
 SHIPPED_CONFIG = "benchmark"  # name of the configuration of the leaderboard
 
@@ -97,6 +98,19 @@ class BenchmarkTask(Settings):
         """Its title in the leaderboard."""
         return self.name or (f"{self.env}/{self.level}" if self.level else self.env)
 
+    @property
+    def beside_title(self) -> str:
+        """Settings and reset options that the title does not name, such as "payload 0.2, horizon 2"; "" for none."""
+        if self.name:
+            return ""
+        level = envs.task_card(self.env).levels[self.level] if self.level else None
+        named = (level.settings, level.options) if level else ({}, {})
+        parts = zip((self.env_config, self.options), map(portable, map(dict, named)), strict=True)
+        own = [
+            (name, value) for given, of_level in parts for name, value in given.items() if value != of_level.get(name)
+        ]
+        return ", ".join(f"{name} {brief(value)}" for name, value in own)
+
 
 class Quick(Settings):
     """The part of a benchmark that `planarm benchmark` runs without ``--full``: its first episodes.
@@ -180,12 +194,14 @@ def configure(
     Raises:
         ValueError: for an unknown configuration, task or setting.
     """
+    if isinstance(tasks, str):
+        raise ValueError(f"tasks {tasks!r} is one name: give a list, [{tasks!r}]")
     whole = load_config(config, BenchmarkConfig)
     loaded = whole if full else whole.shortened(in_order=changes.get("policies") is not None)
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
     if (level := changes.pop("level", None)) is not None:
-        chosen = [BenchmarkTask.parse({**dict(task), "level": level, "name": ""}, "task") for task in chosen]
+        chosen = _at_one_level(chosen, level, named=tasks is not None)
     for name in ("env_config", "options"):
         more = changes.pop(name, {})
         own_modes: dict[str, Any] = {"control_modes": {}} if "control_mode" in more else {}
@@ -196,6 +212,19 @@ def configure(
         acting = [task.model_copy(update={"policies": names}) for task, names in own if names]
         chosen = acting or [task.model_copy(update={"policies": None}) for task in chosen]
     return BenchmarkConfig.parse({**dict(loaded), **changes, "tasks": tuple(chosen)}, "benchmark setting")
+
+
+def _at_one_level(tasks: Sequence[BenchmarkTask], level: str, *, named: bool) -> list[BenchmarkTask]:
+    """Each environment among some tasks at a level: its plain task; a ValueError for one of its own that is named."""
+    found = dict[str, BenchmarkTask]()
+    for task in tasks:
+        if named and (task.level or task.name or task.env_config or task.options):
+            raise ValueError(
+                f"task {task.title!r} has settings of its own beside --level {level}; name {task.env} instead"
+            )
+        plain = {"env": task.env, "policies": task.policies, "control_modes": task.control_modes, "level": level}
+        found.setdefault(task.env, BenchmarkTask.parse(plain, "task"))
+    return list(found.values())
 
 
 def _chosen(config: BenchmarkConfig, names: Sequence[str]) -> list[BenchmarkTask]:

@@ -142,6 +142,8 @@ def _caption(result: TaskResult) -> Iterator[str]:
         yield f"Best known: {bound.meaning}, from the same starts{which}; over best known: the difference."
         if result.certified is not None:
             yield "Lower bound: proven, no motion is better; its median."
+    if beside := result.task.beside_title:
+        yield f"Not as by default: {beside}."
     timing = sum((evaluation.timing for evaluation in result.evaluations), Timing())
     yield f"Step: of the policy, without planning; the environment takes {timing.env_us:.1f} us."
     for policy, settings in result.action_configs.items():

@@ -31,7 +31,8 @@ class NamedPolicy:
     Attributes:
         name: in tables.
         policy: a policy, what makes one, or the name of an expert.
-        action_config: settings that define what its actions mean; it acts with no others.
+        action_config: settings that define what its actions mean, and all that a policy of your own declares; it acts
+            with no others.
         env_config: settings of the environment that it was trained in or made for.
         own: whether it is the user's own and not one that comes with planarm.
         unknown_actions: whether what its actions mean is not known, so that the settings have to say it.
@@ -59,7 +60,7 @@ class NamedPolicy:
         for name, value in self.action_config.items():
             if env_config.get(name, value) != value:
                 raise ValueError(
-                    f"{self.name} was trained with {name} {value!r} and cannot act with {env_config[name]!r}; "
+                    f"{self.name} is for {name} {value!r} and cannot act with {env_config[name]!r}; "
                     f"leave {name} out, so that each policy has its own"
                 )
         if isinstance(self.policy, Agent) and env_config.get("arm") is not None:
@@ -205,7 +206,9 @@ def _of_module(source: str, env_id: str) -> NamedPolicy:
 def _of_own(name: str, policy: Any, env_id: str) -> NamedPolicy:
     carried = getattr(policy, "env_config", None)
     model = callable(getattr(policy, "get_env", None))
-    settings = dict(carried) if isinstance(carried, Mapping) else _training_settings(policy, env_id) if model else {}
+    if isinstance(carried, Mapping):
+        return NamedPolicy(name, policy, dict(carried), dict(carried), own=True)
+    settings = _training_settings(policy, env_id) if model else {}
     return NamedPolicy(name, policy, _of_actions(settings), settings, own=True)
 
 

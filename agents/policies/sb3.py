@@ -62,6 +62,12 @@ def _with_statistics(model: Any, path: Path) -> Policy:
     """A model with the statistics beside it, if there are any; a ValueError if it was trained with some."""
     names = (f"{path.stem}_vecnormalize.pkl", *STATISTICS, *(f"{path.stem}/{name}" for name in STATISTICS))
     found = next((path.parent / name for name in names if (path.parent / name).is_file()), None)
+    models = [each.name for each in path.parent.glob("*.zip")]
+    if found is not None and found.parent == path.parent and found.name in STATISTICS and len(models) > 1:
+        raise ValueError(
+            f"{found} lies beside {len(models)} models, and does not say whose statistics it holds: call it "
+            f"{path.stem}_vecnormalize.pkl if it is of {path.name}, or move the models apart"
+        )
     if found is None:
         if _looks_normalized(model):
             raise ValueError(

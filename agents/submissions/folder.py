@@ -112,7 +112,7 @@ def _tasks(card: Card, agent: Agent) -> tuple[BenchmarkTask, ...]:
     for task in tasks:
         if task.env != agent.env_id:
             raise ValueError(f"task {task.title} is one of {task.env}; the agent was trained on {agent.env_id}")
-        if card.name in (task.policies or config.policies):
+        if card.name.casefold() in map(str.casefold, task.policies or config.policies):
             raise ValueError(f'name "{card.name}" is that of a policy of the leaderboard: choose another')
     if card.settings != own_settings(agent):
         raise ValueError(f"settings {brief(card.settings)} are not those of the agent, {own_settings(agent)}")

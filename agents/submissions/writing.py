@@ -47,6 +47,9 @@ def write_submission(
     agent: Agent, folder: Path, name: str, authors: Sequence[str], licence: str, training: str
 ) -> None:
     """Write an agent and, unless there is one, a card without claims, in which empty entries are to be filled in."""
+    tasks = [task.title for task in leaderboard_config().tasks if task.env == agent.env_id]
+    if not tasks:
+        raise ValueError(f"{agent.env_id} is no environment of the leaderboard: an agent for it cannot be submitted")
     save_agent(agent, folder / WEIGHTS)
     if any((folder / card).exists() for card in CARDS):
         return
@@ -56,7 +59,7 @@ def write_submission(
         "format": FORMAT,
         "name": name,
         "authors": list(authors),
-        "tasks": [task.title for task in leaderboard_config().tasks if task.env == agent.env_id],
+        "tasks": tasks,
         "settings": own_settings(agent),
         "training": training,
         "steps": known.get("steps", 0),

@@ -143,10 +143,16 @@ def _label(key: str, settings: Mapping[str, Any]) -> str:
         return f"{key}={_text(settings.get(key))}"
     title = RECIPES[settings["algorithm"]].title
     if settings.get("warm_start"):
-        return f"cloning {settings['warm_start']['expert']}, then {title}"
+        then = f", then {title}" if settings.get("total_steps") else ""
+        return f"cloning {_source(settings['warm_start'])}{then}"
     if settings.get("demonstrations"):
-        return f"demonstrations of {settings['demonstrations']['expert']}, then {title}"
+        return f"demonstrations of {_source(settings['demonstrations'])}, then {title}"
     return f"fitting to the cost, then {title}" if settings.get("amortise") else f"{title} alone"
+
+
+def _source(teacher: Mapping[str, Any]) -> str:
+    """The expert or the dataset that a run learns from."""
+    return str(teacher.get("expert") or teacher.get("dataset"))
 
 
 def _text(value: Any) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
-from agents.yaml_config import assigned
+from agents.yaml_config import assigned, refuse_twice
 from envs.card import task_card
 from envs.settings import Settings, refuse_unknown
 
@@ -196,7 +196,8 @@ class TrainingConfig(Settings):
         return [card.at_level(name, self.env_config, {}) for name in names]
 
     def check_levels(self) -> None:
-        """Raise a ValueError for levels that the task does not have, or more of them than environments."""
+        """Raise a ValueError for levels that the task does not have, one twice, or more of them than environments."""
+        refuse_twice(self.levels, "level")
         if len(self.conditions) > min(self.num_envs, self.evaluation_episodes):
             raise ValueError(
                 f"{len(self.levels)} levels for {self.num_envs} environments and {self.evaluation_episodes} episodes "
@@ -277,7 +278,7 @@ class PPOConfig(TrainingConfig):
     def remark(self) -> str:
         """A sentence about minibatches of unequal size, if there are any."""
         samples = self.num_envs * self.rollout_steps
-        if samples % self.batch_size == 0:
+        if samples % self.batch_size == 0 or self.total_steps == 0:
             return ""
         return (
             f"batch_size {self.batch_size} does not divide the {samples} samples of an update (num_envs "
@@ -319,6 +320,15 @@ class OffPolicyConfig(TrainingConfig):
     def teacher(self) -> WarmStart | Demonstrations | None:
         """What the run takes from an expert or a dataset before it trains, if anything."""
         return self.demonstrations
+
+    @property
+    def remark(self) -> str:
+        """A sentence about a run that never learns, if it does not."""
+        if self.total_steps > self.learning_starts:
+            return ""
+        return (
+            f"total_steps {self.total_steps} end before learning_starts {self.learning_starts}: nothing will be learned"
+        )
 
 
 class SACConfig(OffPolicyConfig):

@@ -271,6 +271,8 @@ def with_fingerprint(config: TrainingConfig) -> TrainingConfig:
     teacher = config.teacher
     if teacher is None or teacher.dataset is None:
         return config
-    found = check_dataset(teacher.dataset, config.env_id, config.env_config, teacher.sha256)
+    if len(config.conditions) > 1:
+        raise ValueError(f"levels {', '.join(config.levels)} and dataset {teacher.dataset}: a dataset is of one level")
+    found = check_dataset(teacher.dataset, config.env_id, *config.conditions[0], teacher.sha256)
     name = "warm_start" if isinstance(config, PPOConfig) else "demonstrations"
     return config.model_copy(update={name: teacher.model_copy(update={"sha256": found})})

@@ -29,6 +29,7 @@ def _fits(number: Any) -> bool:
 
 
 def _number_or_range(value: Any) -> Any:
+    value = value.tolist() if isinstance(value, np.ndarray) and value.ndim == 1 else value  # as datasets hold it
     numbers = value if isinstance(value, list | tuple) and len(value) == 2 else [value]
     if not all(_fits(number) for number in numbers):
         raise ValueError("must be a finite number, or a range [low, high] of them")
