@@ -127,7 +127,7 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
 
 
 def _whole_number(loader: _PlainLoader, node: yaml.ScalarNode) -> Any:
-    """A whole number as YAML 1.2 reads it: 010 is ten, 0o10 eight, and 1:30 is text."""
+    """A whole number as YAML 1.2 reads it: 010 is ten, and 1:30 is text."""
     text = str(node.value)
     if re.fullmatch(r"[-+]?0[0-9]+", text):
         return int(text, 10)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,11 @@ class Demonstration:
 
 
 def check_dataset(
-    dataset: str, env_id: str, settings: Mapping[str, Any], options: Mapping[str, Any], sha256: str | None = None
+    dataset: str,
+    env_id: str,
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any] = MappingProxyType({}),
+    sha256: str | None = None,
 ) -> str:
     """The fingerprint of a dataset whose episodes are of an environment with these settings and reset options.
 

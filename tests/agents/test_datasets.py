@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from agents.datasets import store
 from agents.datasets.read import check_dataset, read_dataset
 from agents.datasets.record import PLAN, record_dataset
 from agents.datasets.store import open_dataset
+from tests.pages import steps
 
 minari = pytest.importorskip("minari")
 pytest.importorskip("h5py")
@@ -53,6 +55,7 @@ def repeat(dataset: Any) -> None:
     ("env_id", "policies", "settings", "options"),
     [
         (BELT, ["dpct", "apf", "random"], {"control_mode": "jerk", "payload": 0.2}, {"belt_speed": 0.15}),
+        (BELT, ["apf"], {}, {"belt_speed": [0.1, 0.2]}),
         ("MinTorqueMove-v0", ["lagrange", "follower"], {"horizon": 0.8}, {}),
         ("ObstacleDodge-v0", ["apf", "dpct"], {}, {}),
         ("ExcavatorPayload-v0", ["agent"], {"level": 2}, {}),
@@ -168,7 +171,9 @@ def test_a_dataset_is_read_for_the_settings_it_was_recorded_in() -> None:
     with pytest.raises(ValueError, match="is of ConveyorTrack-v0, not of ObstacleDodge-v0"):
         check_dataset("jerk-v0", "ObstacleDodge-v0", {})
     with pytest.raises(ValueError, match="its episodes have changed"):
-        check_dataset("jerk-v0", BELT, {"control_mode": "jerk"}, "0" * 64)
+        check_dataset("jerk-v0", BELT, {"control_mode": "jerk"}, sha256="0" * 64)
+    with pytest.raises(ValueError, match=r"with reset options {}, and the run has {'belt_speed': 0.1}"):
+        check_dataset("jerk-v0", BELT, {"control_mode": "jerk"}, {"belt_speed": 0.1})
     with pytest.raises(ValueError, match="no dataset other-v0"):
         check_dataset("other-v0", BELT, {})
     first, second = read_dataset("jerk-v0")
@@ -300,3 +305,39 @@ def test_a_replacement_that_was_killed_halfway_is_ended_by_the_next_run(
     record_dataset("other-v0", BELT, ["random"], 1)
     assert open_dataset("same-v0").total_episodes == 2
     assert not list(root.glob(f"{store._DRAFT}*"))
+
+
+@pytest.mark.parametrize(("number", "message"), [(np.nan, "actions that are not finite"), (50.0, "actions outside of")])
+def test_numbers_that_no_policy_gave_are_refused_before_a_run_begins(root: Path, number: float, message: str) -> None:
+    record_dataset("bad-v0", BELT, ["random"], 2)
+    (file,) = (root / "bad-v0").rglob("*.hdf5")
+    with import_module("h5py").File(file, "r+") as content:
+        content["episode_1"]["actions"][3, 0] = number
+    with pytest.raises(ValueError, match=f"episode 1 of dataset bad-v0 has {message}"):
+        check_dataset("bad-v0", BELT, {})
+
+
+def test_options_that_cannot_be_stored_are_refused_before_the_first_episode() -> None:
+    paths = {"obstacle_paths": [[[0.1, -0.4], [-0.3, -0.4], [0.0, -0.45]], [[-0.35, -0.3]]]}
+    with pytest.raises(ValueError, match="lists of different lengths"):
+        record_dataset("ragged-v0", "ObstacleDodge-v0", ["apf"], 1, env_config={"num_obstacles": 2}, options=paths)
+
+
+def test_a_dataset_of_an_own_task_is_read_and_recovered(tmp_path: Path, root: Path) -> None:
+    """In a process of its own, which finds the task's module by the name in the dataset."""
+    page = (Path(__file__).parents[2] / "docs" / "extend" / "task.md").read_text()
+    (file,) = (step for step in steps(page) if step.kind == "file" and step.name == "circle_task.py")
+    (tmp_path / "circle_task.py").write_text(file.text)
+    code = (
+        "import warnings; warnings.simplefilter('error')\n"
+        "from agents.datasets.record import record_dataset\n"
+        "from agents.datasets.read import check_dataset\n"
+        "record_dataset('own-v0', 'circle_task:Circle-v0', ['follower'], 1)\n"
+        "print(len(check_dataset('own-v0', 'Circle-v0', {})))"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(agents.__file__).parents[1])])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "64", done.stderr
+    recover = "import envs, minari; print(minari.load_dataset('own-v0').recover_environment().unwrapped.task.env_id)"
+    done = subprocess.run([sys.executable, "-c", recover], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "Circle-v0", done.stderr

@@ -167,3 +167,14 @@ def test_missing_statistics_of_models_with_a_replay_buffer_are_named(algorithm: 
     assert load_model(tmp_path / "plain.zip", allow_code=True).predict(plain.reset())[0].shape[0] == 1
     with pytest.raises(ValueError, match=r"trained behind a VecNormalize, .* not beside it"):
         load_model(tmp_path / "bare.zip", allow_code=True)
+
+
+def test_statistics_beside_several_models_belong_to_the_one_they_are_named_after(models: Path, tmp_path: Path) -> None:
+    for name in ("jerk.zip", "with/normal.zip", "with/vecnormalize.pkl"):
+        shutil.copy(models / name, tmp_path)
+    for name in ("jerk.zip", "normal.zip"):
+        with pytest.raises(ValueError, match="does not say whose statistics it holds"):
+            load_model(tmp_path / name, allow_code=True)
+    (tmp_path / "vecnormalize.pkl").rename(tmp_path / "normal_vecnormalize.pkl")
+    assert type(load_model(tmp_path / "normal.zip", allow_code=True)).__name__ == "NormalizedPolicy"
+    assert type(load_model(tmp_path / "jerk.zip", allow_code=True)).__name__ == "PPO"

@@ -1,0 +1,122 @@
+"""Under which settings and levels commands score, train and record: given, carried by a policy, and said."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import agents
+import envs
+import planarm
+import planners
+from agents.cli import main
+from agents.commands.evaluate import EvaluateOptions
+from agents.commands.train import TrainOptions
+from agents.evaluation.benchmark_config import BenchmarkTask, configure
+from agents.policies.lookup import find_policy
+from agents.submissions.writing import write_submission
+from agents.tables import Table
+from planners.documents import parse_yaml
+
+BELT = "ConveyorTrack-v0"
+
+
+@pytest.mark.parametrize("option", ["--settings", "--against", "--episodes"])
+def test_an_option_that_is_given_twice_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "apf", "--env", BELT, option, "payload=0.1", option, "latency=0.02"]) == 2
+    assert f"{option} is given twice: give it once, with all of its values behind it" in capsys.readouterr().err
+
+
+def test_changes_of_a_training_may_stand_on_both_sides_of_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "ppo/ConveyorTrack-v0", "gamma=0.9", "--seed", "1", "hidden=64"]) == 2
+    assert "hidden = 64: give a list, such as [64]" in capsys.readouterr().err
+
+
+def test_a_shipped_agent_brings_its_settings_to_no_other_policy() -> None:
+    options = EvaluateOptions("agent:uncertain", env="ObstacleDodge-v0", against=("apf",))
+    (task,) = options.resolve().config.tasks
+    assert task.env_config == {}
+    assert task.title == "ObstacleDodge-v0"
+
+
+class Carry:
+    """A policy of a user's own that declares settings."""
+
+    env_config = {"control_mode": "jerk", "payload": 0.2}  # noqa: RUF012
+
+    def predict(self, observation: object) -> object:
+        raise NotImplementedError
+
+
+def test_settings_that_a_policy_declares_are_its_own_in_every_command() -> None:
+    named = find_policy(f"{__name__}:Carry", BELT)
+    assert named.settings({"horizon": 2.0}) == {"horizon": 2.0, "control_mode": "jerk", "payload": 0.2}
+    with pytest.raises(ValueError, match=r"Carry is for payload 0\.2 and cannot act with 0\.1"):
+        named.settings({"payload": 0.1})
+
+
+def test_a_level_has_precedence_over_what_a_policy_carries_and_is_not_mixed() -> None:
+    (task,) = EvaluateOptions(f"{__name__}:Carry", env=BELT, level="payload").resolve().config.tasks
+    assert task.env_config["payload"] in ((0.0, 0.3), [0.0, 0.3])
+    assert task.title == f"{BELT}/payload"
+    assert task.beside_title == ""
+
+
+def test_settings_beside_the_title_are_said() -> None:
+    task = BenchmarkTask.parse({"env": BELT, "level": "noise", "env_config": {"payload": 0.2}}, "task")
+    assert task.beside_title == "payload 0.2"
+
+
+def test_one_level_of_every_task_is_one_task_an_environment() -> None:
+    config = configure("benchmark", {"level": "uncertain"})
+    titles = [task.title for task in config.tasks]
+    assert titles == list(dict.fromkeys(titles))
+    assert all(title.endswith("/uncertain") for title in titles)
+    for title in ("ObstacleDodge-v0/two_discs", "ObstacleDodge-v0/second_arm"):
+        with pytest.raises(ValueError, match="has settings of its own beside --level fast"):
+            configure("levels", {"level": "fast"}, [title])
+    with pytest.raises(ValueError, match="give a list"):
+        configure("benchmark", {}, BELT)
+
+
+def test_a_level_stays_where_the_settings_of_a_recipe_are_replaced() -> None:
+    changes = ("env_config={control_mode: jerk}", "gamma=0.9")
+    config = TrainOptions("ppo/ConveyorTrack-v0", changes, level="payload").resolve()
+    assert config.env_config["control_mode"] == "jerk"
+    assert list(config.env_config["payload"]) == [0.0, 0.3]
+    given = TrainOptions("ppo/ConveyorTrack-v0", ("env_config={payload: 0.1}",), level="payload").resolve()
+    assert given.env_config["payload"] == 0.1
+
+
+def test_remarks_of_runs_that_learn_nothing() -> None:
+    short = TrainOptions("sac/ConveyorTrack-v0", ("total_steps=400", "learning_starts=5000")).resolve()
+    assert "nothing will be learned" in short.remark
+    assert TrainOptions("ppo/ConveyorTrack-v0", ("total_steps=0", "batch_size=999")).resolve().remark == ""
+    with pytest.raises(ValueError, match='level "payload" is given 2 times'):
+        TrainOptions("ppo/ConveyorTrack-v0", ("levels=[payload,payload]",)).resolve().check_levels()
+
+
+def test_numbers_of_yaml_are_those_of_its_version_1_2() -> None:
+    assert parse_yaml("[010, -007, 12, 1e-4, 1:30]", "it") == [10, -7, 12, 1e-4, "1:30"]
+
+
+def test_a_bar_in_a_name_is_no_column() -> None:
+    assert r"a\|b" in str(Table("t", ["policy", "x"], [["a|b", "1"]]))
+
+
+def test_packages_list_their_public_names() -> None:
+    for package in (agents, envs, planners, planarm):
+        assert set(package.__all__) <= set(dir(package)), package.__name__
+
+
+def test_an_agent_of_no_environment_of_the_leaderboard_is_no_submission(tmp_path: Path) -> None:
+    agent = agents.load_agent(BELT)
+    agent.document["env"] = "Circle-v0"
+    with pytest.raises(ValueError, match="Circle-v0 is no environment of the leaderboard"):
+        write_submission(agent, tmp_path / "mine", "mine", ["me"], "MIT", "none")
+    assert not (tmp_path / "mine").exists()
+
+
+assert __name__ in sys.modules
