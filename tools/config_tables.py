@@ -63,7 +63,8 @@ def own_fields(kind: type[Settings]) -> list[str]:
     return [
         name
         for name, field in kind.model_fields.items()
-        if name != "algorithm" and (name not in known or field.default != known[name].default)
+        if name != "algorithm"
+        and (name not in known or (field.default, field.metadata) != (known[name].default, known[name].metadata))
     ]
 
 

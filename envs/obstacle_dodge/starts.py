@@ -43,8 +43,8 @@ class ObstacleDodgeOptions(Settings):
         start: joint angles at the start, rad.
         goal: position of the hand to reach, m from the base.
         obstacle_kind: ``"waypoints"``, ``"passes"`` or ``"wander"``, for every disc.
-        obstacle_speed: speed of every disc, m/s, up to 5 m/s, or what that is for another arm.
-        obstacle_radius: radius of every disc, m, up to 0.3 m, or what that is for another arm.
+        obstacle_speed: speed of every disc, m/s; at most 5 m/s, scaled as the task for another arm.
+        obstacle_radius: radius of every disc, m; at most 0.3 m, scaled as the task for another arm.
         obstacle_paths: for each disc the points, m from the base, between which it moves at constant speed; it stays
             at the last one.
     """

@@ -244,6 +244,7 @@ def test_a_planner_that_the_module_registers_is_a_policy(folder: Path, capsys: p
         VARIANTS.pop(("borrowed", ""), None)
 
 
+@pytest.mark.docs
 def test_the_page_is_followed(tmp_path: Path) -> None:
     printed = follow("extend/policy.md", tmp_path)
     assert "make_policy - dpct" in printed

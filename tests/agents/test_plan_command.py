@@ -15,6 +15,7 @@ from tests.pages import follow
 MOVE = ["plan", "--arm", "SCARA_50CM", "--start", "0.2", "1.5", "--to-joints", "1.2", "0.8", "--horizon", "2"]
 
 
+@pytest.mark.docs
 def test_the_page_can_be_followed(tmp_path: Path) -> None:
     printed = follow("planners/index.md", tmp_path)
     assert {"out.csv", "out.png", "out.npz", "out.gif", "motion.csv", "motion.npz", "motion.png"} <= {

@@ -195,6 +195,7 @@ def test_the_command_writes_the_page(
     assert "missing.json: no such file" in capsys.readouterr().err
 
 
+@pytest.mark.docs
 def test_the_page_of_the_docs_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,6 +78,7 @@ def score(expert: str, env_id: str, arm: Any, **settings: Any) -> Any:
     return agents.evaluate(expert, env_id, range(12), env_config={"arm": arm, **settings})
 
 
+@pytest.mark.docs
 def test_the_page_works_from_a_folder_of_ones_own(tmp_path: Path) -> None:
     reached = dict(re.findall(r"^(dpct|lagrange|apf) (\d+)$", follow("extend/arm.md", tmp_path), flags=re.MULTILINE))
     assert reached.keys() == {"dpct", "lagrange", "apf"}

@@ -55,6 +55,7 @@ def write_files(folder: Path) -> None:
         (folder / name).write_text(code)
 
 
+@pytest.mark.docs
 def test_the_page_works_from_a_folder_of_ones_own(tmp_path: Path) -> None:
     printed = follow("extend/task.md", tmp_path)
     assert "Circle-v0: seeds 0, 1, 2, 3, " in (tmp_path / "circle.html").read_text(encoding="utf-8")  # replays

@@ -210,6 +210,7 @@ def test_an_expert_is_copied_with_its_task(env_id: str) -> None:
     assert pickle.loads(pickle.dumps(expert)).task.get_state() == expert.task.get_state()
 
 
+@pytest.mark.docs
 def test_the_page_on_states_works(tmp_path: Path) -> None:
     total = float(follow("extend/state.md", tmp_path).split()[-1])
     env = made("ConveyorTrack-v0", control_mode="jerk")

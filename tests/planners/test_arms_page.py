@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
 from pages import follow
 
 from planners.robot.arm_files import KEYS, LIMIT_KEYS
 from tools.arm_table import PAGE, page
 
 
+@pytest.mark.docs
 def test_the_page_runs_in_a_readers_folder(tmp_path: Path) -> None:
     reach, ratios, _, same = follow("extend/arms.md", tmp_path).strip().splitlines()
     assert reach.startswith("0.73 ")
