@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,10 @@ class PayloadExpert(Expert):
     def mass_estimate(self) -> Array | None:
         """Estimated payloads after the last call, ``(num_envs,)``, kg; None if the controller estimates none."""
         return self._memory[:, 0].copy() if self._memory is not None and self._name in (*ADAPTIVE, KALMAN) else None
+
+    def _is_own(self, state: Any) -> bool:
+        """Whether `_act` may have returned a state."""
+        return isinstance(state, np.ndarray) and state.shape[1:] == self._controller.memory.shape[1:]
 
     def _act(self, observations: Observation, state: Array | None, starts: NDArray[np.bool_]) -> tuple[Array, Array]:
         seen = self.task.layout.parse(observations)

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from envs.checks import checked_observations, checked_starts
 from envs.experts.payload_estimation import AdaptiveState, PayloadAdaptation, loaded_arms
-from envs.experts.robust import RobustTracking
+from envs.experts.robust import RobustState, RobustTracking
 from envs.observation import Observation
 from envs.physics.actuation import action_scale
 from envs.task import Task
 from planners import Arm, Infeasible, MotionProblem, Trajectory
+from planners.checks import brief
 from planners.control import Estimate, held_torque, within_torque
 from planners.typing import Array
 
@@ -111,12 +112,15 @@ class Expert(ABC):
             Actions in [-1, 1], ``(n,)`` or ``(num_envs, n)``, and the state for the next call.
 
         Raises:
-            ValueError: if the observation or ``episode_start`` has another shape, or is not of finite numbers.
+            ValueError: if the observation or ``episode_start`` has another shape, or is not of finite numbers; or the
+                state is not one of such an expert.
         """
         batch = checked_observations(observation, self.task.layout.size)
         if not np.isfinite(batch).all():
             raise ValueError("an observation holds values that are not finite; nothing can be planned from it")
         starts = checked_starts(episode_start, len(batch))
+        if state is not None:
+            self._require_own(state)
         memory = self._memory if state is None else state
         if self._robust is not None:
             self._payload = np.zeros(len(batch))
@@ -138,6 +142,20 @@ class Expert(ABC):
     @abstractmethod
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         """Unclipped actions ``(num_envs, n)`` and the next state."""
+
+    def _require_own(self, state: Any) -> None:
+        """Raise a ValueError for a state that such an expert cannot have returned."""
+        around = RobustState if self._robust is not None else None if self._adaptation is None else AdaptiveState
+        own = around is None or isinstance(state, around)
+        inner = state.expert if own and around is not None else state
+        if not own or not (inner is None or self._is_own(inner)):
+            raise ValueError(
+                f"state {brief(state)} is none that this expert has returned; leave it out to go on from its last call"
+            )
+
+    def _is_own(self, state: Any) -> bool:
+        """Whether `_act` may have returned a state."""
+        return isinstance(state, np.ndarray) or (isinstance(state, tuple) and not state)
 
     def _begins(self, seen: dict[str, Array]) -> NDArray[np.bool_]:
         """Environments at the first step of an episode, ``(num_envs,)``, by the time left."""

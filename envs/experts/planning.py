@@ -81,6 +81,12 @@ class PlanningExpert(Expert):
         ahead: Array = plan["q"][max(0, int(plan["begun"]) - left) : int(plan["last"]) + 1]
         return ahead.copy() if plan["last"] > 0 and len(ahead) else None
 
+    def _is_own(self, state: Any) -> bool:
+        """Whether `_act` may have returned a state."""
+        if not (isinstance(state, tuple) and len(state) == 2 and isinstance(state[1], Moment)):
+            return False
+        return getattr(state[0], "dtype", None) == self._plan_type
+
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
         now = Moment.of(self.task, seen)

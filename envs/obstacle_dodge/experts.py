@@ -97,6 +97,10 @@ class DodgingExpert(Expert):
         """Number of steps of the look-ahead, `planners.apf.dodge.STEP` apart."""
         return look_ahead_steps(self._gains)
 
+    def _is_own(self, state: Any) -> bool:
+        """Whether `_act` may have returned a state."""
+        return isinstance(state, np.ndarray) and state.dtype == self._memory_of(1).dtype
+
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Any]:
         seen = self.task.layout.parse(observations)
         batch = len(observations)

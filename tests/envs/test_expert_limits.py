@@ -58,6 +58,21 @@ def test_a_move_of_as_many_periods_as_were_left_of_another_is_a_new_one(expert: 
     assert info["is_success"]
 
 
+@pytest.mark.parametrize("task", envs.env_ids())
+def test_a_state_of_something_else_is_refused_in_a_sentence(task: str) -> None:
+    uncertain = envs.task_card(task).at_level("uncertain", {}, {})[0]
+    for settings in ({}, uncertain):
+        env = gym.make(task, **settings)
+        observation, _ = env.reset(seed=0)
+        for name in envs.task_card(task).experts:
+            expert = envs.make_expert(name, env)
+            _, own = expert.predict(observation)
+            for junk in ("junk", 3, object(), (1, 2), {}):
+                with pytest.raises(ValueError, match="none that this expert has returned"):
+                    expert.predict(observation, junk)
+            expert.predict(observation, own)
+
+
 def test_dpct_meets_the_belt_under_all_uncertainty_by_jerks() -> None:
     settings, options = envs.task_card(BELT).at_level("uncertain", {"control_mode": "jerk"}, {})
     seeds = [3_000_017, 3_000_019, 3_000_027, 3_000_037, 3_000_043]  # it met none of them
