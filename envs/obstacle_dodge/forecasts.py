@@ -133,6 +133,10 @@ class ForecastingExpert(DodgingExpert):
         self._network = network
         self._lags = [max(1, round(lag / task.config.control_period)) for lag in LAGS]
 
+    def _is_own(self, state: Any) -> bool:
+        """Whether `_act` may have returned a state."""
+        return isinstance(state, Track)
+
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, Track]:
         seen = self.task.layout.parse(observations)
         track = self.followed(seen, state, starts | self._begins(seen))
