@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.checks import rounded_up
+from planners.checks import LARGEST, rounded_up
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
 from planners.robot.kinematics import wrap
 from planners.robot.limits import LIMIT_KINDS, JointLimits
@@ -208,6 +208,7 @@ def _start_loads(problem: MotionProblem) -> Array:
 def _widened(limits: JointLimits, factors: Array) -> JointLimits:
     """Limits times factors of each kind and joint, ``(5, n)``, ranges of angles about their middles."""
     wide = {kind: factor * limits.array(kind) for kind, factor in zip(LIMIT_KINDS, factors, strict=True)}
+    wide = {kind: np.where(values > LARGEST, np.inf, values) for kind, values in wide.items()}
     half, middle = wide.pop("angle"), limits.angle_middle
     angle = tuple(zip((middle - half).tolist(), (middle + half).tolist(), strict=True))
     return JointLimits(**{kind: tuple(values.tolist()) for kind, values in wide.items()}, angle=angle)

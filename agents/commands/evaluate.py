@@ -26,8 +26,8 @@ class EvaluateOptions(ScoreOutputs):
     """Score a policy: an expert, an agent that was trained here, a model of Stable-Baselines3, or one of your own.
 
     The same seed begins the same episode for every policy, so that --against compares in pairs. A policy of your own
-    training is scored in the settings that it was trained in, unless --level or --settings changes them; all others
-    with it.
+    training, and agent:NAME, is scored in the settings that it was trained in, unless --level or --settings changes
+    them, and all others with it; the table then says so.
 
     For example:
 
@@ -65,9 +65,9 @@ class EvaluateOptions(ScoreOutputs):
         """The evaluation as a benchmark of one task."""
         env_id = self._env_id()
         named = find_policy(self.policy, env_id, allow_code=self.allow_code)
-        carried = {} if is_shipped(self.policy) else dict(named.env_config)
         at_level, _ = envs.task_card(env_id).at_level(self.level, {}, {})
-        carried = {name: value for name, value in carried.items() if name not in {*ACTION_SETTINGS, *at_level}}
+        others = {*ACTION_SETTINGS, *at_level}
+        carried = {name: value for name, value in named.env_config.items() if name not in others}
         settings = {
             "episodes": self.episodes,
             "bound_episodes": 0,

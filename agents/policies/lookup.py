@@ -60,7 +60,7 @@ class NamedPolicy:
         for name, value in self.action_config.items():
             if env_config.get(name, value) != value:
                 raise ValueError(
-                    f"{self.name} is for {name} {value!r} and cannot act with {env_config[name]!r}; "
+                    f"{self.name} was made for {name} {value!r} and cannot act with {env_config[name]!r}; "
                     f"leave {name} out, so that each policy has its own"
                 )
         if isinstance(self.policy, Agent) and env_config.get("arm") is not None:

@@ -28,8 +28,8 @@ LEAST_SHARE, MOST_SHARE = 0.3, 0.9
 MOST_HELD = 0.8
 """Largest part of that share that the weight alone may take; the rest accelerates the arm."""
 
-SHORTEST = 0.2
-"""Least time of a move, s."""
+SHORTEST, LONGEST = 0.2, 1e6
+"""Least and largest time of a move, s."""
 
 _TRIES = 1000
 _S = np.linspace(0.0, 1.0, 33)
@@ -83,7 +83,7 @@ def random_move(
         duration = _least_time(arm, goal - start, inertial, static, (drawn if share is None else share) * torque)
         if period is not None and duration < math.inf:
             duration = period * math.ceil(duration / period)
-        if duration > longest or np.abs(goal).max() > farthest:
+        if not duration <= min(longest, LONGEST) or np.abs(goal).max() > farthest:
             continue
         if "duration" not in given:
             return Move(start, goal, duration)

@@ -176,9 +176,9 @@ class DodgeStarts:
         """
         length, given = self._scale.length, options.obstacle_paths
         if given is not None and len(given) != self._discs:
-            what = "the paper's scenario has a path" if options.scenario == "paper" else "obstacle_paths holds paths"
+            what = "the paper's scenario" if options.scenario == "paper" else "obstacle_paths"
             raise ValueError(
-                f"{what} of {len(given)} for num_obstacles={self._discs} discs; give obstacle_paths, one per disc"
+                f"{what} holds {len(given)} paths for {self._discs} discs; give obstacle_paths, one per disc"
             )
         if given is not None and options.obstacle_kind is not None:
             raise ValueError("obstacle_kind is of discs that are drawn, and their paths are given; leave one out")

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.compiled.calls import private
+from planners.compiled.calls import inlined, private
 from planners.problem import MotionProblem
 from planners.robot.dynamics import inverse_dynamics_single, mass_matrix_single
 from planners.robot.limits import LIMIT_KINDS
@@ -24,8 +24,8 @@ QUARTIC = np.array(_WEIGHTS) / 24.0
 """Coefficients of the polynomial through the five torques: for each power of the place, in parts from the middle of the
 interval, the weights of the torques, ``(5, 5)``."""
 
-TURN, MOST_BLOCKS = 0.25, 250.0
-"""Rotation of all joints together over which torques are a polynomial, rad; largest number of these in an interval."""
+TURN, MOST_BLOCKS = 0.5, 1e5
+"""Rotation of all joints together over which torques are a polynomial, rad; largest number of these in a motion."""
 
 ROUNDS = 5
 """Places at which the polynomial is evaluated on the way, by Newton's method, to where it turns."""
@@ -176,13 +176,13 @@ def _torque(
     inverse_dynamics_single(coupling, weight, point[0], point[1], point[2], tau)
 
 
-@private
+@inlined
 def _blocks(h: float, i: int, q: Array, qd: Array) -> int:
     """Equal blocks of interval ``i``, in each of which five torques show how they go: many where joints spin."""
     turn = 0.0
     for j in range(q.shape[1]):
         turn += max(abs(q[i + 1, j] - q[i, j]), h * abs(qd[i, j]), h * abs(qd[i + 1, j]))
-    return 1 + int(min(turn / TURN, MOST_BLOCKS))
+    return 1 + int(min(turn / TURN, MOST_BLOCKS / q.shape[0]))
 
 
 @private

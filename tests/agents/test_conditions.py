@@ -34,11 +34,12 @@ def test_changes_of_a_training_may_stand_on_both_sides_of_an_option(capsys: pyte
     assert "hidden = 64: give a list, such as [64]" in capsys.readouterr().err
 
 
-def test_a_shipped_agent_brings_its_settings_to_no_other_policy() -> None:
+def test_the_settings_that_an_agent_brings_are_said() -> None:
     options = EvaluateOptions("agent:uncertain", env="ObstacleDodge-v0", against=("apf",))
     (task,) = options.resolve().config.tasks
-    assert task.env_config == {}
     assert task.title == "ObstacleDodge-v0"
+    assert "mass_error [-0.1, 0.1]" in task.beside_title
+    assert "camera_noise 0.003" in task.beside_title
 
 
 class Carry:
@@ -53,7 +54,7 @@ class Carry:
 def test_settings_that_a_policy_declares_are_its_own_in_every_command() -> None:
     named = find_policy(f"{__name__}:Carry", BELT)
     assert named.settings({"horizon": 2.0}) == {"horizon": 2.0, "control_mode": "jerk", "payload": 0.2}
-    with pytest.raises(ValueError, match=r"Carry is for payload 0\.2 and cannot act with 0\.1"):
+    with pytest.raises(ValueError, match=r"Carry was made for payload 0\.2 and cannot act with 0\.1"):
         named.settings({"payload": 0.1})
 
 

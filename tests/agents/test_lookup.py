@@ -65,9 +65,7 @@ def test_an_agent_for_harder_episodes_is_found_by_its_name(tmp_path: Path, monke
 def test_a_task_of_other_actions_is_refused() -> None:
     named = NamedPolicy("mine", "dpct", {"control_mode": "jerk"})
     assert named.settings({"control_mode": "jerk"}) == {"control_mode": "jerk"}
-    with pytest.raises(
-        ValueError, match=r"mine was trained with control_mode 'jerk'.*'torque'.*leave control_mode out"
-    ):
+    with pytest.raises(ValueError, match=r"mine was made for control_mode 'jerk'.*'torque'.*leave control_mode out"):
         named.settings({"control_mode": "torque"})
 
 

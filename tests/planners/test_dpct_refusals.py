@@ -86,7 +86,7 @@ def test_a_joint_angle_limit_ends_the_line() -> None:
     start = np.array([0.3, 0.9])
     limits = replace(SCARA_1M.limits, angle=(0.6, np.inf))
     answer = refusal(MotionProblem(SCARA_1M, start, FixedJoints([0.8, 0.9]), 6.0, limits=limits))
-    assert answer.reason == "unreachable"
+    assert answer.reason == "limits"
     plan = dpct.plan(MotionProblem(SCARA_1M, start, FixedJoints([0.55, 0.9]), 6.0, limits=limits))
     assert 0.9 < plan.limit_ratios["angle"] <= 1.0
 

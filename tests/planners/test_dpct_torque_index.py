@@ -354,7 +354,7 @@ def test_time_and_torque_index_are_the_planners_own() -> None:
     [
         (move(ROD, [0.0], [1.0], 2.0, qd=np.array([3.0])), r"start: the start speed is 1\.5 times the largest"),
         (move(PLANAR_3R, [0.0] * 3, [1.0, 0.0, 0.0], 0.7, qd=-5.0 * np.ones(3)), "start: beside the straight path"),
-        (move(PLANAR_3R, [0.0] * 3, [0.0, 2.7, 0.0], 1.0), "limits: joint 2 leaves its range of angles"),
+        (move(PLANAR_3R, [0.0] * 3, [0.0, 2.7, 0.0], 1.0), "limits: the target has joint 2 at 2.7 rad"),
         (move(UPRIGHT, [-1.6, 0.0, 0.0], [0.0] * 3, 2.0, payload=5.0), "limits: joint . holds the arm at the target"),
         (move(WEAK, [-math.pi / 2], [math.pi / 2], 2.0), "limits: the limits require a start at"),
         (move(UPRIGHT, [0.0] * 3, [-math.pi / 2, 0.0, 0.0], 9.0, payload=5.0), "limits: at .* no speed leads to rest"),
