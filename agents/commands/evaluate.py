@@ -26,8 +26,8 @@ class EvaluateOptions(ScoreOutputs):
     """Score a policy: an expert, an agent that was trained here, a model of Stable-Baselines3, or one of your own.
 
     The same seed begins the same episode for every policy, so that --against compares in pairs. A policy of your own
-    training, and agent:NAME, is scored in the settings that it was trained in, unless --level or --settings changes
-    them, and all others with it; the table then says so.
+    training is scored in the settings that it was trained in, unless --level or --settings changes them, and all others
+    with it; the table then says so. The agents of planarm are scored in the task's own settings: give --level.
 
     For example:
 
@@ -67,7 +67,7 @@ class EvaluateOptions(ScoreOutputs):
         named = find_policy(self.policy, env_id, allow_code=self.allow_code)
         at_level, _ = envs.task_card(env_id).at_level(self.level, {}, {})
         others = {*ACTION_SETTINGS, *at_level}
-        carried = {name: value for name, value in named.env_config.items() if name not in others}
+        carried = {name: value for name, value in named.carried.items() if name not in others}
         settings = {
             "episodes": self.episodes,
             "bound_episodes": 0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -23,16 +24,19 @@ def check_outputs(options: Any) -> None:
     """Raise, before a command runs, if a file that its options ask for could not be written.
 
     Raises:
-        ValueError: for a file that cannot be written, one that two options name, or an option that says how a file is
-            written without one that names it.
+        ValueError: for a file that cannot be written, that two options name or that the command reads, or an option
+            that says how a file is written without one that names it.
         ModuleNotFoundError: for a picture without matplotlib.
     """
     given: dict[str, Path] = {}
+    read = {os.path.realpath(path) for path in _read_by(options)}
     for name in OUTPUTS:
         path = getattr(options, name, None)
         if path is None:
             continue
         check_output(path)
+        if not is_stream(path) and os.path.realpath(path) in read:
+            raise ValueError(f"--{name} would replace {path}, which the command reads: give it a name of its own")
         for other, known in given.items():
             if os.path.realpath(known) == os.path.realpath(path) and not is_stream(path):
                 raise ValueError(f"--{other} and --{name} both write to {path}: give each a file of its own")
@@ -47,6 +51,17 @@ def check_outputs(options: Any) -> None:
         if folder.is_file():
             raise ValueError(f"cannot write figures to {folder}: it is a file; give the name of a folder")
         new_sheet(1.0, 1.0)
+
+
+def _read_by(options: Any) -> Iterator[Path]:
+    """The files that options name, but for those to write: paths, and what stands behind key=."""
+    for field in fields(options):
+        value = getattr(options, field.name)
+        for each in value if isinstance(value, tuple) else (value,):
+            if field.name in OUTPUTS or not isinstance(each, str | Path):
+                continue
+            path = Path(str(each).rpartition("=")[2])
+            yield from (path, path.with_suffix(".json")) if path.suffix == ".safetensors" else (path,)
 
 
 def _check_picture(plot: Path, dpi: int) -> None:

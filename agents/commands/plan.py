@@ -51,7 +51,7 @@ class PlanOptions:
         $ planarm plan --list
         $ planarm plan --arm SCARA_50CM --start 0.2 1.5 --to-joints 1.2 0.8 --horizon 2
         $ planarm plan --arm my.yaml --planner dpct --variant timing --start 0 1 --to 0.4 0.4 --obstacle 0.5 0.5 0.08
-        $ planarm plan --arm SCARA_1M --start 1.57 0.5 --to -0.9 1.7 --moving 0.2 0 --csv out.csv --plot out.png
+        $ planarm plan --arm SCARA_1M --start-hand -0.8 1.732 --to -0.9 1.732 --moving 0.2 0 --csv out.csv
     """
 
     arm: str | None = None

@@ -21,6 +21,7 @@ from agents.policies.lookup import AnyPolicy, NamedPolicy, name_policies
 from agents.policies.play import play
 from agents.policies.policy import Actor
 from agents.provenance import machine, versions
+from agents.yaml_config import refuse_twice
 from envs.experts.base import Expert
 from planners.checks import brief
 from planners.typing import Array
@@ -120,6 +121,7 @@ def record_dataset(
         raise ValueError(f"episodes {brief(episodes)} must be a whole number from 1")
     seed = check_seed(seed)
     env_id = import_env(env_id)
+    refuse_twice([policy for policy in policies if isinstance(policy, str)], "policy")
     named = name_policies(policies, env_id, allow_code=allow_code)
     given = portable(env_config or {})
     settings = _common_settings(named, given)

@@ -153,7 +153,8 @@ class BenchmarkConfig(Settings):
     @model_validator(mode="after")
     def _once(self) -> Self:
         """Each policy and each task once."""
-        refuse_twice(self.policies, "policy")
+        for policies in (self.policies, *(task.policies or () for task in self.tasks)):
+            refuse_twice(policies, "policy")
         refuse_twice([task.title for task in self.tasks], "task")
         return self
 
@@ -201,7 +202,7 @@ def configure(
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))
     if (level := changes.pop("level", None)) is not None:
-        chosen = _at_one_level(chosen, level, named=tasks is not None)
+        chosen = _at_one_level(chosen, level, set(tasks or ()))
     for name in ("env_config", "options"):
         more = changes.pop(name, {})
         own_modes: dict[str, Any] = {"control_modes": {}} if "control_mode" in more else {}
@@ -214,11 +215,12 @@ def configure(
     return BenchmarkConfig.parse({**dict(loaded), **changes, "tasks": tuple(chosen)}, "benchmark setting")
 
 
-def _at_one_level(tasks: Sequence[BenchmarkTask], level: str, *, named: bool) -> list[BenchmarkTask]:
+def _at_one_level(tasks: Sequence[BenchmarkTask], level: str, named: set[str]) -> list[BenchmarkTask]:
     """Each environment among some tasks at a level: its plain task; a ValueError for one of its own that is named."""
     found = dict[str, BenchmarkTask]()
     for task in tasks:
-        if named and (task.level or task.name or task.env_config or task.options):
+        own = task.level or task.name or task.env_config or task.options
+        if own and task.title in named - {task.env}:
             raise ValueError(
                 f"task {task.title!r} has settings of its own beside --level {level}; name {task.env} instead"
             )

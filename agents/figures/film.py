@@ -80,7 +80,8 @@ class Film:
         others = sheet.quantize(_GIF_COLORS - len(own)).getpalette() or []
         colors = np.array([*own, *np.reshape(others, (-1, 3))[: _GIF_COLORS - len(own)]], np.uint8)
         frames = [_quantized(frame, colors) for frame in self._frames]
-        durations = [1000 // self._fps] * (len(frames) - 1) + [2000]
+        ends = np.rint(100.0 * np.arange(len(frames)) / self._fps)  # GIF counts hundredths of a second
+        durations = [*(10 * np.diff(ends).astype(int)).tolist(), 2000]
         frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False)
 
     def _write_png(self, path: Path) -> None:

@@ -193,7 +193,10 @@ class _Page:
                 answer = {"kind": "error", "text": " ".join(str(error).split())}
             if answer is not None:
                 answers.append(answer)
-        self._session.advance(seconds)
+        try:
+            self._session.advance(seconds)
+        except Exception as error:  # of a policy of the user's own, which can fail in any way
+            answers.append({"kind": "error", "text": self._session.stop(error)})
         return answers, self._session.frame()
 
     async def _complain(self, error: Exception) -> None:

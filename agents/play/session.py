@@ -124,6 +124,11 @@ class Session:
             self._due -= period
             self._step()
 
+    def stop(self, error: Exception) -> str:
+        """Pause after an error of a policy; what the page says of it."""
+        self.running = False
+        return f"a policy failed: {type(error).__name__}: {' '.join(str(error).split())}"[:500]
+
     def frame(self) -> dict[str, Any]:
         """What the page draws now."""
         policies = [played.picture() for played in self._played]

@@ -17,7 +17,7 @@ from agents.policies.policy import Policy, PolicyMaker
 from agents.policies.sb3 import load_model
 from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
 from envs.settings import refuse_unknown
-from planners import load_arm
+from planners import Arm, load_arm
 
 SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
 AnyPolicy = Policy | PolicyMaker | str
@@ -63,8 +63,13 @@ class NamedPolicy:
                     f"{self.name} was made for {name} {value!r} and cannot act with {env_config[name]!r}; "
                     f"leave {name} out, so that each policy has its own"
                 )
-        if isinstance(self.policy, Agent) and env_config.get("arm") is not None:
-            self.policy.check_arm(load_arm(env_config["arm"]))
+        arm = load_arm(env_config["arm"]) if env_config.get("arm") is not None else None
+        if isinstance(self.policy, Agent) and arm is not None:
+            self.policy.check_arm(arm)
+        if isinstance(self.policy, Expert) and replace(arm or _default_arm(self.policy), gravity=0.0) != replace(
+            self.policy.task.arm, gravity=0.0
+        ):
+            raise ValueError(f"{self.name} was made for the arm {self.policy.task.arm.name}: make it for this one")
         return {**env_config, **self.action_config}
 
     def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:
@@ -78,9 +83,19 @@ class NamedPolicy:
             f"{mode}, the default of {env_id}: give another one as a setting"
         )
 
+    @property
+    def carried(self) -> dict[str, Any]:
+        """Settings of its environment in which a policy of your own is scored; an agent of planarm brings none."""
+        return dict(self.env_config) if self.own else {}
+
     def own_settings(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """All settings that the policy carries, with changes to those that are not about its actions."""
-        return self.settings({**self.env_config, **changes})
+        return self.settings({**self.carried, **changes})
+
+
+def _default_arm(expert: Expert) -> Arm:
+    """The arm of an expert's task where the settings give none."""
+    return expert.task.default_arm
 
 
 def name_policy(policy: AnyPolicy, env_id: str, *, name: str | None = None, allow_code: bool = False) -> NamedPolicy:

@@ -31,7 +31,8 @@ def _bound(env: Any, env_index: int, seed: int) -> float:
 
 def _outcome(info: Info, duration: float) -> str:
     if math.isfinite(info["settling_time"]):
-        return f"settled at {info['settling_time']:.2f} s"
+        late = "" if info.get("is_success", True) else ", too late to be held"
+        return f"settled at {info['settling_time']:.2f} s{late}"
     return f"not settled after {duration:.1f} s"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from envs.experts.base import Expert, Planner
 from envs.experts.continuity import Moment
 from envs.experts.payload_estimation import AdaptiveState
-from envs.experts.robust import RobustState, careful
+from envs.experts.robust import RobustState, careful, slower
 from envs.observation import Observation
 from envs.task import Task
 from planners import JointLimits, MotionProblem
@@ -26,9 +26,6 @@ SOONEST = 4
 
 CALM = 0.02
 """Least period of the tracking controller's gains where jerk is limited, s: a shorter one makes jerk of rounding."""
-
-VELOCITY_TORQUE = 0.97
-"""Share of the torque limits of plans by joint velocities: the environment makes those fit that take more than 98 %."""
 
 REST = 1e-3
 """Joint velocity up to which a plan ends at rest, rad/s."""
@@ -189,6 +186,8 @@ class PlanningExpert(Expert):
             plan = None if room is None else self._plan(self._planner, replace(problem, limits=room))
             if plan is None:
                 plan = self._plan(self._planner, problem)
+            if plan is None and self._estimate is not None:  # the arm may fall until the first command arrives
+                plan = self._plan(self._planner, replace(problem, qdd=np.zeros_like(problem.q)))
             if plan is not None:
                 last = min(int(plan.duration / period + 1e-3), self.task.horizon_steps)
                 plans["q"][row, : last + 1], plans["qd"][row, : last + 1], _ = plan.at(period * np.arange(last + 1))
@@ -210,8 +209,7 @@ class PlanningExpert(Expert):
             return careful(problem.joint_limits)
         if self.task.config.control_mode != "velocity":
             return None
-        torque = VELOCITY_TORQUE * problem.joint_limits.array("torque")
-        return replace(problem.joint_limits, torque=tuple(torque.tolist()))
+        return slower(problem.joint_limits)
 
     def _braking(self, seen: dict[str, Array]) -> Array:
         """Accelerations that bring the joints to rest within the limits."""

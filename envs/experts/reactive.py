@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.experts.base import Expert, HandGoal
+from envs.experts.robust import slower
 from envs.hashing import to_unit
 from envs.observation import Observation
 from envs.task import Task
@@ -110,7 +111,7 @@ class MovingTargetExpert(Expert):
         qdd, period = np.empty_like(q), self.task.config.control_period
         for arm, rows in self._arms():
             target = goal[0][rows], goal[1][rows], goal[2][rows]
-            limits = arm.limits
+            limits = slower(arm.limits) if self.task.config.control_mode == "velocity" else arm.limits
             if self._robust is not None and self._robust.unknown_arm:
                 limits = self._robust.careful(limits)
             elif self._adaptation is not None and self._adaptation.declared:

@@ -43,6 +43,16 @@ def careful(limits: JointLimits, acceleration: float = CAREFUL["acceleration"]) 
     return replace(limits, **{kind: tuple((share * limits.array(kind)).tolist()) for kind, share in shares.items()})
 
 
+_BY_VELOCITIES: dict[LimitKind, float] = {"torque": 0.97, "velocity": 0.996}
+"""Shares of the limits that a motion takes whose commands are velocities: the environment cuts off what is more than
+98 and 99.8 % of them, which makes jerk."""
+
+
+def slower(limits: JointLimits) -> JointLimits:
+    """The shares of some limits that are left for a motion by joint velocities."""
+    return replace(limits, **{kind: tuple((s * limits.array(kind)).tolist()) for kind, s in _BY_VELOCITIES.items()})
+
+
 _MANOEUVRE = {"part": 0.0, "obstacle": 0.2, "goal": 0.0}
 """What a camera sees, and the standard deviation of its unknown acceleration, in units of the scale of the observed
 acceleration: the belt keeps to its acceleration, a disc turns with 2 m/s^2, the goal stands still."""
@@ -177,8 +187,10 @@ class RobustTracking:
         seen["time_left"] = seen["time_left"] - self.waiting * period
         for name in ("part", "obstacle"):
             if name in seen:
-                shift = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1)) * seen[f"{name}_velocity"]
-                seen[name] = seen[name] + shift
+                late = estimate.late.reshape(-1, *[1] * (seen[name].ndim - 1))
+                gain = late * seen.get("part_acceleration", 0.0) if name == "part" else 0.0
+                seen[name] = seen[name] + late * (seen[f"{name}_velocity"] + 0.5 * gain)
+                seen[f"{name}_velocity"] = seen[f"{name}_velocity"] + gain
         return layout.compose(seen), estimate, RobustState(before.expert, memory, points, now, jerks), begins
 
     def _filtered(self, seen: dict[str, Array], before: RobustState, begins: NDArray[np.bool_]) -> dict[str, Array]:

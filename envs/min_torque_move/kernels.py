@@ -21,7 +21,7 @@ from envs.physics.episode import (
 )
 from envs.uncertainty.kernels import add_joint_noise
 from planners.compiled.calls import Kernel, call, copy_array, inlined, private
-from planners.control import held_torque_single
+from planners.control.tracking import held_torque_single
 from planners.motion.time_laws import SHAPES, rest_curve_single
 from planners.quintic import quintic_effort
 

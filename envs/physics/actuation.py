@@ -12,7 +12,6 @@ import numpy as np
 from envs.physics.closed_form import MOVE_ARMS, PLACE_NOTHING
 from envs.physics.rigid_bodies import advance, arriving, place_arm, read_joint_state, step_physics
 from planners.compiled.calls import Kernel, call, call_real, copy_array, inlined
-from planners.control import held_torque_single
 from planners.control.joint_limits import (
     TORQUE_SHARE,
     VELOCITY_SHARE,
@@ -22,6 +21,7 @@ from planners.control.joint_limits import (
     stoppable_velocities,
     worst_excess,
 )
+from planners.control.tracking import held_torque_single
 from planners.robot.arm import Arm
 from planners.robot.dynamics import mass_matrix_single
 from planners.robot.limits import LIMIT_KINDS as LIMIT_KINDS

@@ -19,7 +19,7 @@ from planners.control.laws import (
 from planners.control.model import ArmModel, PlanarArmModel
 from planners.control.observer import ArmObserver, Estimate, ObserverSettings
 from planners.control.payload_estimation import LeastSquaresSums, PayloadEstimator
-from planners.control.tracking import Gains, held_torque, held_torque_single, tracking_acceleration
+from planners.control.tracking import Gains, held_torque, tracking_acceleration
 
 __all__ = [
     "AdaptiveComputedTorque",
@@ -41,7 +41,6 @@ __all__ = [
     "PlanarArmModel",
     "SlotineLi",
     "held_torque",
-    "held_torque_single",
     "tracking_acceleration",
     "within_torque",
 ]

@@ -215,6 +215,7 @@ class Arm:
         """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
 
         A number, or ``(batch,)`` for ``q`` of ``(batch, n)``. The centre of the disc is ``(2,)`` or ``(batch, 2)``, m.
+        NaN where an angle or the centre is not finite.
         """
         center = np.asarray(position, dtype=float)
         require_finite("disc radius", radius, "m", "not negative")
@@ -223,7 +224,9 @@ class Arm:
 
         def gaps(rows: Array) -> Array:
             centers = np.ascontiguousarray(np.broadcast_to(center, (len(rows), 2)))
-            return clearance.clearance(self.length_array, self.base_array, self.link_radius, rows, centers, radius)
+            found = clearance.clearance(self.length_array, self.base_array, self.link_radius, rows, centers, radius)
+            known = np.isfinite(rows).all(axis=1) & np.isfinite(centers).all(axis=1)
+            return np.where(known, found, np.nan)
 
         return self._over_rows(gaps, q)
 

@@ -51,7 +51,7 @@ class Measure(NamedTuple):
     Attributes:
         ratios: worst |value| / limit of each of `LIMIT_KINDS`, ``(5,)``; angles from the middle of their range.
         joints: the joint of each, ``(5,)``.
-        times: its time, ``(5,)``, s.
+        times: its time, ``(5,)``, s; that of a torque to an eighth of the time between two samples.
         clearance: least distance between the surfaces of the arm and a disc, m; inf without discs. A lower bound where
             the joints spin so often that a closer look would take too long.
         clearance_time: its time, s.

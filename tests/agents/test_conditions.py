@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 
 import agents
@@ -14,7 +14,7 @@ import planners
 from agents.cli import main
 from agents.commands.evaluate import EvaluateOptions
 from agents.commands.train import TrainOptions
-from agents.evaluation.benchmark_config import BenchmarkTask, configure
+from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, configure
 from agents.policies.lookup import find_policy
 from agents.submissions.writing import write_submission
 from agents.tables import Table
@@ -34,12 +34,12 @@ def test_changes_of_a_training_may_stand_on_both_sides_of_an_option(capsys: pyte
     assert "hidden = 64: give a list, such as [64]" in capsys.readouterr().err
 
 
-def test_the_settings_that_an_agent_brings_are_said() -> None:
+def test_a_shipped_agent_brings_the_settings_of_its_training_nowhere() -> None:
+    named = find_policy("agent:uncertain", "ObstacleDodge-v0")
+    assert named.own_settings({}) == named.settings({}) == {"control_mode": "velocity"}
     options = EvaluateOptions("agent:uncertain", env="ObstacleDodge-v0", against=("apf",))
     (task,) = options.resolve().config.tasks
-    assert task.title == "ObstacleDodge-v0"
-    assert "mass_error [-0.1, 0.1]" in task.beside_title
-    assert "camera_noise 0.003" in task.beside_title
+    assert task.env_config == {}
 
 
 class Carry:
@@ -120,4 +120,41 @@ def test_an_agent_of_no_environment_of_the_leaderboard_is_no_submission(tmp_path
     assert not (tmp_path / "mine").exists()
 
 
-assert __name__ in sys.modules
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["report", "FILE", "--out", "FILE"],
+        ["benchmark", "--config", "FILE", "--json", "FILE"],
+        ["evaluate", "apf", "--env", BELT, "--settings", "arm=FILE", "--json", "FILE"],
+        ["plan", "--arm", "FILE", "--start", "0", "1", "--to-joints", "1", "1", "--csv", "FILE"],
+        ["evaluate", "AGENT.safetensors", "--env", BELT, "--json", "AGENT.json"],
+    ],
+)
+def test_no_file_that_a_command_reads_is_replaced(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    agents.save_agent(agents.load_agent(BELT), tmp_path / "mine.safetensors")
+    (tmp_path / "file.yaml").write_text("lengths_m: [1, 1]\n")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    named = {"FILE": str(tmp_path / "file.yaml"), "AGENT": str(tmp_path / "mine")}
+    words = [word.replace("FILE", named["FILE"]).replace("AGENT", named["AGENT"]) for word in command]
+    assert main(words) == 2
+    assert "which the command reads: give it a name of its own" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_policy_is_given_once_everywhere() -> None:
+    with pytest.raises(ValueError, match='policy "apf" is given 2 times'):
+        agents.record_dataset("any-v0", BELT, ["apf", "apf"], 1)
+    task = {"env": BELT, "policies": ["dpct", "dpct"]}
+    with pytest.raises(ValueError, match='policy "dpct" is given 2 times'):
+        BenchmarkConfig.parse({"episodes": 1, "bound_episodes": 0, "policies": ["apf"], "tasks": [task]}, "benchmark")
+
+
+def test_an_expert_of_another_arm_is_refused() -> None:
+    small = envs.make_expert("dpct", gym.make(BELT, arm="epson_t3b"))
+    with pytest.raises(ValueError, match="was made for the arm"):
+        agents.compare([small, "dpct"], BELT, range(2))
+    own = envs.make_expert("dpct", gym.make(BELT))
+    with pytest.raises(ValueError, match="was made for the arm"):
+        agents.evaluate(own, BELT, range(2), env_config={"arm": "epson_t3b"})

@@ -54,7 +54,7 @@ def test_an_agent_for_harder_episodes_is_found_by_its_name(tmp_path: Path, monke
     named = find_policy("agent:long", ENV)
     assert (named.name, named.own, named.settings({})) == ("agent:long", False, {"control_mode": "jerk"})
     evaluation = EvaluateOptions("agent:long", env=ENV, against=("agent",)).resolve().config
-    assert (evaluation.policies, evaluation.tasks[0].env_config) == (("agent:long", "agent"), {"horizon": 4.0})
+    assert (evaluation.policies, evaluation.tasks[0].env_config) == (("agent:long", "agent"), {})
     with pytest.raises(ValueError, match="no environment: give --env"):
         EvaluateOptions("agent:long").resolve()
     for refused in (lambda: load_agent(ENV, "lang"), lambda: find_policy("agent:lang", ENV)):

@@ -50,3 +50,8 @@ def test_environments_agree_with_single_postures_on_any_arm() -> None:
 def test_a_link_radius_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match=r"link_radius -0\.1 m must be finite and not negative"):
         replace(SCARA_50CM, link_radius=-0.1)
+
+
+def test_a_posture_or_a_disc_that_is_no_number_is_not_far_away() -> None:
+    assert np.isnan(SCARA_50CM.clearance([np.nan, 0.0], [1.0, 1.0], 0.1))
+    assert np.isnan(SCARA_50CM.clearance([0.0, 0.0], [np.nan, 1.0], 0.1))

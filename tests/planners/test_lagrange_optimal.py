@@ -14,6 +14,7 @@ from envs.min_torque_move.moves import LEAST_SHARE, MOST_SHARE, SHORTEST, random
 from planners import (
     PLANAR_3R,
     SCARA_1M,
+    Arm,
     FixedHand,
     FixedJoints,
     Infeasible,
@@ -381,3 +382,15 @@ def test_the_independent_search_comes_close_on_a_coarse_mesh(power: int) -> None
     index, load = assess(problem, minimise(problem, COARSE, power, q), COARSE, power)
     assert index == pytest.approx(plan.cost, rel=0.15)
     assert load <= 1.1
+
+
+def test_gravity_may_pull_the_other_way() -> None:
+    limits = JointLimits(torque=(30.0, 10.0), velocity=3.0, acceleration=10.0)
+    down = Arm("down", [0.4, 0.3], [2.0, 1.0], limits=limits, gravity=9.81)
+    start, goal = np.array([0.2, 0.5]), np.array([1.2, 0.8])
+    moves = [
+        MotionProblem(replace(down, gravity=sign * 9.81), sign * start, FixedJoints(sign * goal), 2.0)
+        for sign in (1.0, -1.0)
+    ]
+    costs = [lagrange.plan(move).cost for move in moves]  # mirror images
+    assert costs[0] == pytest.approx(costs[1], rel=0.05)

@@ -89,7 +89,7 @@ def _stages(move: JointMove) -> tuple[int, int]:
     """Stages of the splines that choose among coarse solutions, and of the motion."""
     if not move.arm.gravity:
         return STAGES, FINE_STAGES
-    parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / move.arm.gravity))
+    parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / abs(move.arm.gravity)))
     count = math.ceil(min(max(parts, FEWEST_PARTS), MOST_PARTS))
     return STAGES_PER_PART * count, FINE_STAGES_PER_PART * count
 
