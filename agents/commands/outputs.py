@@ -30,13 +30,15 @@ def check_outputs(options: Any) -> None:
     """
     given: dict[str, Path] = {}
     read = {os.path.realpath(path) for path in _read_by(options)}
+    for name in (*OUTPUTS, "out"):
+        path = getattr(options, name, None)
+        if isinstance(path, Path) and not is_stream(path) and os.path.realpath(path) in read:
+            raise ValueError(f"--{name} would replace {path}, which the command reads: give it a name of its own")
     for name in OUTPUTS:
         path = getattr(options, name, None)
         if path is None:
             continue
         check_output(path)
-        if not is_stream(path) and os.path.realpath(path) in read:
-            raise ValueError(f"--{name} would replace {path}, which the command reads: give it a name of its own")
         for other, known in given.items():
             if os.path.realpath(known) == os.path.realpath(path) and not is_stream(path):
                 raise ValueError(f"--{other} and --{name} both write to {path}: give each a file of its own")
@@ -58,7 +60,7 @@ def _read_by(options: Any) -> Iterator[Path]:
     for field in fields(options):
         value = getattr(options, field.name)
         for each in value if isinstance(value, tuple) else (value,):
-            if field.name in OUTPUTS or not isinstance(each, str | Path):
+            if field.name in (*OUTPUTS, "out", "figures") or not isinstance(each, str | Path):
                 continue
             path = Path(str(each).rpartition("=")[2])
             yield from (path, path.with_suffix(".json")) if path.suffix == ".safetensors" else (path,)
