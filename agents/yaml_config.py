@@ -58,7 +58,7 @@ def assigned(settings: Mapping[str, Any], changes: Iterable[str]) -> dict[str, A
         if not equals or not key:
             raise ValueError(f'"{change:.80}" is no key=value, such as gamma=0.99 or warm_start.episodes=512')
         try:
-            value = parse_yaml(text, change)
+            value = text if text in ("+", "-") else parse_yaml(text, change)  # of an elbow; no empty list
         except ValueError:
             raise ValueError(f'"{key:.80}={text:.80}": {brief(text)} is no YAML value') from None
         _assign(answer, key.split("."), value)

@@ -86,13 +86,13 @@ class Benchmark:
             policies = [self.given.get(name, name) for name in names]
             found = name_policies(policies, task.env, allow_code=self.allow_code)
             self._named[key] = [
-                each if isinstance(policy, str) and policy == name else replace(each, name=name)
-                for name, policy, each in zip(names, policies, found, strict=True)
+                replace(each, name=name) if name in self.given else each
+                for name, each in zip(names, found, strict=True)
             ]
         modes = task.control_modes
         return [
-            replace(each, action_config={"control_mode": modes[each.name]})
-            if each.is_expert and each.name in modes
+            replace(each, action_config={"control_mode": modes[str(each.policy)]})
+            if each.is_expert and each.policy in modes
             else each
             for each in self._named[key]
         ]

@@ -85,8 +85,8 @@ class NamedPolicy:
 
     @property
     def carried(self) -> dict[str, Any]:
-        """Settings of its environment in which a policy of your own is scored; an agent of planarm brings none."""
-        return dict(self.env_config) if self.own else {}
+        """Settings of its environment in which a policy is scored alone; an agent of planarm brings none."""
+        return {} if isinstance(self.policy, Agent) and not self.own else dict(self.env_config)
 
     def own_settings(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """All settings that the policy carries, with changes to those that are not about its actions."""

@@ -22,7 +22,7 @@ from agents.sweeps.axes import combinations, parse_axes, value_text
 from agents.tables import Table
 from agents.training.learning_curves import Curve
 from agents.training.recipe import TrainingConfig
-from agents.yaml_config import load_config
+from agents.yaml_config import load_config, refuse_twice
 
 if TYPE_CHECKING:
     from agents.sweeps.results import SweepResults
@@ -92,6 +92,7 @@ class SweepOptions:
             raise ValueError("name a configuration, such as ppo/ConveyorTrack-v0, or a sweep to --resume")
         changes = [f"env_config.{change}" if change.startswith("arm=") else change for change in self.changes]
         base = load_config(self.config, TrainingConfig).overridden(changes)
+        refuse_twice([each.partition("=")[0] for each in (*changes, *self.over)], "setting")
         return base, combinations(parse_axes(self.over), self.samples, self.draw_seed)
 
     def trials(self) -> list[Trial]:

@@ -18,6 +18,7 @@ from agents.evaluation.benchmark_config import BenchmarkConfig, BenchmarkTask, c
 from agents.policies.lookup import find_policy
 from agents.submissions.writing import write_submission
 from agents.tables import Table
+from agents.yaml_config import assigned
 from planners.documents import parse_yaml
 
 BELT = "ConveyorTrack-v0"
@@ -158,3 +159,21 @@ def test_an_expert_of_another_arm_is_refused() -> None:
     own = envs.make_expert("dpct", gym.make(BELT))
     with pytest.raises(ValueError, match="was made for the arm"):
         agents.evaluate(own, BELT, range(2), env_config={"arm": "epson_t3b"})
+
+
+def test_a_sign_is_a_value_of_an_option() -> None:
+    assert assigned({}, ["elbow=-", "other=+", "list=[-1]"]) == {"elbow": "-", "other": "+", "list": [-1]}
+
+
+def test_a_setting_that_is_swept_is_given_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", "ppo/ConveyorTrack-v0", "gamma=0.5", "--over", "gamma=0.9,0.95", "--dry-run"]) == 2
+    assert 'setting "gamma" is given 2 times' in capsys.readouterr().err
+
+
+def test_an_expert_of_another_name_acts_in_the_mode_that_the_configuration_gives_it() -> None:
+    given = {"my dpct": "dpct", "dpct": "dpct"}
+    board = agents.leaderboard(given, ["ConveyorTrack-v0/latency"], config="levels", episodes=1, bound_episodes=0)
+    (result,) = board.results
+    assert [each.policy for each in result.evaluations] == ["my dpct", "dpct"]
+    assert result.action_configs == {"my dpct": {"control_mode": "jerk"}, "dpct": {"control_mode": "jerk"}}
+    assert result.evaluations[0].returns.tolist() == result.evaluations[1].returns.tolist()
