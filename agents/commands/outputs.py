@@ -32,7 +32,7 @@ def check_outputs(options: Any) -> None:
     read = {os.path.realpath(path) for path in _read_by(options)}
     for name in (*OUTPUTS, "out"):
         path = getattr(options, name, None)
-        if isinstance(path, Path) and not is_stream(path) and os.path.realpath(path) in read:
+        if isinstance(path, Path) and os.path.realpath(path) in read and not is_stream(path):
             raise ValueError(f"--{name} would replace {path}, which the command reads: give it a name of its own")
     for name in OUTPUTS:
         path = getattr(options, name, None)
