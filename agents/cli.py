@@ -186,8 +186,12 @@ def _parse(arguments: list[str], named: str | None) -> Any:
 
 
 def _repeated(arguments: list[str]) -> str | None:
-    """An option that is given twice, if there is one: the last one alone would count."""
-    given = [word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--")]
+    """An option with values that is given twice, if there is one: the last one alone would count."""
+    given = [
+        word.partition("=")[0].replace("_", "-")
+        for word, following in pairwise([*arguments, "--"])
+        if word.startswith("--") and ("=" in word or not following.startswith("--"))
+    ]
     return next((option for option in given if given.count(option) > 1 and option not in REPEATED), None)
 
 

@@ -30,6 +30,11 @@ def test_an_option_that_is_given_twice_is_refused(option: str, capsys: pytest.Ca
     assert f"{option} is given twice: give it once, with all of its values behind it" in capsys.readouterr().err
 
 
+def test_a_flag_may_stand_twice(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", BELT, "--policies", "nobody", "--no-browser", "--no-browser"]) == 2
+    assert "unknown policy" in capsys.readouterr().err
+
+
 def test_changes_of_a_training_may_stand_on_both_sides_of_an_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["train", "ppo/ConveyorTrack-v0", "gamma=0.9", "--seed", "1", "hidden=64"]) == 2
     assert "hidden = 64: give a list, such as [64]" in capsys.readouterr().err
