@@ -16,6 +16,9 @@ from planners.robot.dynamics import mass_matrix_single
 from planners.robot.limits import LimitKind
 from planners.typing import Array
 
+MOST_HALF_TURNS = 64
+"""Farthest end of a joint range, in units of pi: observed angles beyond are coarser than 0.02 mrad."""
+
 LEAST_INERTIA = 1e-12
 """Least inertia of a link about its centre of mass in Pymunk, as a share of mass times squared length: NaN without."""
 
@@ -27,9 +30,6 @@ def _loaded(given: Any) -> Arm:
 def _document(arm: Arm) -> Mapping[str, Any]:
     return planners.arm_document(arm)
 
-
-MOST_HALF_TURNS = 64
-"""Farthest end of a joint range, in units of pi: observed angles beyond are coarser than 0.02 mrad."""
 
 ArmSetting = Annotated[InstanceOf[Arm], BeforeValidator(_loaded), PlainSerializer(_document)]
 """An `Arm`, from what `planners.load_arm` takes; in JSON a document that it takes, too."""

@@ -69,7 +69,7 @@ class PlayedPolicy:
         self._enter(make_one(self.env_id, self.named.settings(self.settings)))
         self._waiting: dict[str, tuple[Any, ...]] = {}
         self._trail: list[Array] = []
-        self._own_payload = self.settings.get("payload")
+        self._own_payload = self.settings.get("payload") or 0.0
 
     def _enter(self, env: Any) -> None:
         """Act in an environment from now on."""
@@ -84,7 +84,7 @@ class PlayedPolicy:
         self._observation, self.info = self._env.reset(seed=seed, options=dict(options))
         self._state: Any = None
         self._begins, self.ended = True, False
-        self.changed = self.settings.get("payload") != self._own_payload
+        self.changed = (self.settings.get("payload") or 0.0) != self._own_payload
         self._waiting.clear()
         self._trail.clear()
 

@@ -17,7 +17,7 @@ from agents.policies.policy import Policy, PolicyMaker
 from agents.policies.sb3 import load_model
 from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
 from envs.settings import refuse_unknown
-from planners import Arm, load_arm
+from planners import load_arm
 
 SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
 AnyPolicy = Policy | PolicyMaker | str
@@ -66,10 +66,11 @@ class NamedPolicy:
         arm = load_arm(env_config["arm"]) if env_config.get("arm") is not None else None
         if isinstance(self.policy, Agent) and arm is not None:
             self.policy.check_arm(arm)
-        if isinstance(self.policy, Expert) and replace(arm or _default_arm(self.policy), gravity=0.0) != replace(
-            self.policy.task.arm, gravity=0.0
-        ):
-            raise ValueError(f"{self.name} was made for the arm {self.policy.task.arm.name}: make it for this one")
+        if isinstance(self.policy, Expert):
+            task = self.policy.task
+            default = getattr(task, "default_arm", task.arm)  # the excavator's task has its own machine alone
+            if (arm or default) != (own := getattr(task.config, "arm", None) or default):
+                raise ValueError(f"{self.name} was made for the arm {own.name}: make it for this one")
         return {**env_config, **self.action_config}
 
     def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:
@@ -91,11 +92,6 @@ class NamedPolicy:
     def own_settings(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """All settings that the policy carries, with changes to those that are not about its actions."""
         return self.settings({**self.carried, **changes})
-
-
-def _default_arm(expert: Expert) -> Arm:
-    """The arm of an expert's task where the settings give none."""
-    return expert.task.default_arm
 
 
 def name_policy(policy: AnyPolicy, env_id: str, *, name: str | None = None, allow_code: bool = False) -> NamedPolicy:

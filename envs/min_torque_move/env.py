@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
@@ -224,10 +224,7 @@ class MinTorqueMove(Task):
                 raise ValueError(
                     f"{name} has {len(given[name])} joint angles; {self.arm.name} needs {self.arm.n_joints}"
                 )
-        for name in given.keys() & {"start", "goal"}:
-            require_observed(self.arm, name, given[name])
-        if "duration" in given:
-            whole_periods(self.config, "duration", given["duration"])
+        self._require_observable(given)
         share, fixed = options.torque_share, "the paper's" if options.scenario == "paper" else "duration"
         if share is not None and (fixed != "duration" or fixed in given):
             raise ValueError(f"torque_share {share:g} decides the time of a move, and so does {fixed}; leave one out")
@@ -235,12 +232,21 @@ class MinTorqueMove(Task):
             move = random_move(generator, self.arm, self.config.control_period, self.config.horizon, share, given)
         else:
             move = (paper_move(self.arm) if options.scenario == "paper" else Move(**given))._replace(**given)
+            self._require_observable(move._asdict())
             self._require_possible(move)
         if not self.arm.gravity and float(np.abs(move.goal - move.start).max()) < LEAST_TURN:
             raise ValueError(
                 f"start and goal are both {move.goal.tolist()} rad: no torque is needed, in whose units effort is paid"
             )
         return move
+
+    def _require_observable(self, parts: Mapping[str, Any]) -> None:
+        """ValueError for ends that observations do not hold, or a time that is no multiple of the control period."""
+        for name in ("start", "goal"):
+            if name in parts:
+                require_observed(self.arm, name, parts[name])
+        if "duration" in parts:
+            whole_periods(self.config, "duration", parts["duration"])
 
     def _require_possible(self, move: Move) -> None:
         problem = MotionProblem(self.arm, move.start, FixedJoints(move.goal), move.duration)

@@ -157,6 +157,16 @@ def test_a_policy_is_given_once_everywhere() -> None:
         BenchmarkConfig.parse({"episodes": 1, "bound_episodes": 0, "policies": ["apf"], "tasks": [task]}, "benchmark")
 
 
+@pytest.mark.parametrize("env_id", envs.env_ids())
+def test_an_expert_is_scored_with_the_arm_it_was_made_for(env_id: str) -> None:
+    arms = [{}, {"arm": "so101"}] if env_id == "MinTorqueMove-v0" else [{}]  # whose task takes the limits of jerk away
+    name = next(iter(envs.task_card(env_id).experts))
+    for settings in arms:
+        expert = envs.make_expert(name, gym.make(env_id, **settings))
+        found = agents.evaluate(expert, env_id, range(1))
+        assert found.returns.tolist() == agents.evaluate(name, env_id, range(1), env_config=settings).returns.tolist()
+
+
 def test_an_expert_of_another_arm_is_refused() -> None:
     small = envs.make_expert("dpct", gym.make(BELT, arm="epson_t3b"))
     with pytest.raises(ValueError, match="was made for the arm"):

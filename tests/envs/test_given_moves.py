@@ -63,6 +63,10 @@ class TestMoves:
         with pytest.raises(ValueError, match=message):
             problem_of(0, **given)
 
+    def test_the_papers_move_takes_whole_control_periods_too(self) -> None:
+        with gym.make(MOVE, control_period=0.003, horizon=2.1) as env, pytest.raises(ValueError, match="duration"):
+            env.reset(options={"scenario": "paper"})
+
     def test_to_hold_a_posture_in_a_vertical_plane_is_a_move(self) -> None:
         env = gym.make(MOVE, gravity=9.81)
         env.reset(seed=0, options={"start": [0.5, 0.3, 0.2], "goal": [0.5, 0.3, 0.2], "duration": 1.0})
