@@ -224,7 +224,14 @@ def _at_one_level(tasks: Sequence[BenchmarkTask], level: str, named: set[str]) -
             raise ValueError(
                 f"task {task.title!r} has settings of its own beside --level {level}; name {task.env} instead"
             )
-        plain = {"env": task.env, "policies": task.policies, "control_modes": task.control_modes, "level": level}
+        plain: dict[str, Any] = {
+            "env": task.env,
+            "policies": task.policies,
+            "control_modes": task.control_modes,
+            "level": level,
+        }
+        if not own:
+            plain |= {"episodes": task.episodes, "bound_episodes": task.bound_episodes}
         found.setdefault(task.env, BenchmarkTask.parse(plain, "task"))
     return list(found.values())
 

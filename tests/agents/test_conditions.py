@@ -81,6 +81,8 @@ def test_one_level_of_every_task_is_one_task_an_environment() -> None:
     titles = [task.title for task in config.tasks]
     assert titles == list(dict.fromkeys(titles))
     assert all(title.endswith("/uncertain") for title in titles)
+    plain = {task.env: task.episodes for task in configure("benchmark", {}).tasks if not task.options}
+    assert all(task.episodes == plain[task.env] for task in config.tasks)
     for title in ("ObstacleDodge-v0/two_discs", "ObstacleDodge-v0/second_arm"):
         with pytest.raises(ValueError, match="has settings of its own beside --level fast"):
             configure("levels", {"level": "fast"}, [title])
