@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -137,7 +138,23 @@ def _arm(generator: np.random.Generator, n: int, takes: capabilities.Takes) -> A
         given["angle"] = list(zip(middle - half, middle + half, strict=True))
     radius = float(generator.uniform(0.0, 0.05))
     limits = JointLimits(**given) if given else JointLimits()
-    return Arm("fuzz", lengths, masses, limits=limits, gravity=gravity, link_radius=radius)
+    arm = Arm("fuzz", lengths, masses, limits=limits, gravity=gravity, link_radius=radius)
+    other = generator.spawn(1)[0]  # its own stream: the other numbers of a problem do not depend on it
+    return _unusual(other, arm) if other.random() < 0.15 else arm
+
+
+def _unusual(generator: np.random.Generator, arm: Arm) -> Arm:
+    """The arm at another base, with gravity upwards, or with links that are no uniform rods: of each half the time."""
+    chosen = generator.random(3) < 0.5
+    given: dict[str, Any] = {}
+    if chosen[0]:
+        given["base"] = tuple(generator.uniform(-2.0, 2.0, 2).tolist())
+    if chosen[1]:
+        given["gravity"] = -arm.gravity
+    if chosen[2]:
+        given["coms"] = tuple(arm.length_array * generator.uniform(0.0, 1.2, arm.n_joints))
+        given["inertias"] = tuple(np.array(arm.inertias) * generator.uniform(0.1, 4.0, arm.n_joints))
+    return replace(arm, **given)
 
 
 def _scaled(generator: np.random.Generator, value: float, share: float) -> float:
