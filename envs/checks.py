@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from envs.card import Control
 from envs.observation import Observation
-from planners.checks import float_array, refuse_unknown
+from planners.checks import checked_count, float_array, refuse_unknown
 from planners.typing import Array
 
 _FLOATS = np.dtype(np.float32), np.dtype(np.float64)
@@ -108,17 +108,6 @@ def checked_change(control: Control, points: int, value: Any, index: Any) -> tup
     if index not in range(points):
         raise ValueError(f"{control.title} {_shown(index)} must be from 0 to {points - 1}")
     return number, int(index)
-
-
-def checked_count(name: str, value: Any, hint: str = "") -> int:
-    """A whole number of at least 1.
-
-    Raises:
-        ValueError: for anything else.
-    """
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ValueError(f"{name} {value!r} must be a whole number of at least 1{hint}")
-    return int(value)
 
 
 def checked_seed(seed: Any) -> int | None:

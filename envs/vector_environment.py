@@ -18,7 +18,6 @@ from envs.batch.exclusive import exclusive
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
 from envs.checks import (
     checked_actions,
-    checked_count,
     checked_mode,
     checked_options,
     checked_seeds,
@@ -31,6 +30,7 @@ from envs.observation import Observation
 from envs.task import Task
 from envs.task_camera import Frame, TaskCamera
 from planners import MotionProblem
+from planners.checks import checked_count
 from planners.typing import Array
 
 

@@ -39,6 +39,8 @@ def float_array(name: str, given: Any) -> NDArray[np.float64]:
     try:
         array = np.array(given)
         fine = array.dtype.kind in "iuf" or (array.dtype.kind == "O" and all(map(is_number, array.flat)))
+        if fine and not isinstance(given, np.ndarray):  # True among numbers would become 1.0
+            fine = all(map(is_number, np.array(given, dtype=object).flat))
         if fine and not np.ma.is_masked(given):
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
@@ -83,16 +85,41 @@ def require_shape(name: str, values: ArrayLike, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {np.shape(values)}; it must have {shape}")
 
 
-def float_rows(width: int, **given: ArrayLike) -> list[NDArray[np.float64]]:
-    """Contiguous arrays of floats of the named values, all ``(batch, width)`` with the batch of the first.
+def float_vector(name: str, given: Any, length: int, sign: Sign = "", most: float = LARGEST) -> NDArray[np.float64]:
+    """A new array of so many floats that have the sign; ValueError for others. ``most`` infinite allows infinity."""
+    array = float_array(name, given)
+    require_shape(name, array, (length,))
+    require_all_finite(name, array, sign, most)
+    return array
+
+
+def float_rows(width: int, batch: int | None = None, **given: ArrayLike) -> list[NDArray[np.float64]]:
+    """Contiguous arrays of floats of the named values, all ``(batch, width)``, the batch being that of the first.
 
     Raises:
-        ValueError: if one has another shape.
+        ValueError: if one has another shape, or is no array of numbers.
     """
-    arrays = [np.ascontiguousarray(values, dtype=float) for values in given.values()]
-    for name, array in zip(given, arrays, strict=True):
-        require_shape(name, array, (arrays[0].shape[0], width))
+    arrays = []
+    for name, values in given.items():
+        floats = type(values) is np.ndarray and values.dtype == np.float64
+        arrays.append(np.ascontiguousarray(values) if floats else float_array(name, values))
+        batch = len(arrays[0]) if batch is None and arrays[0].ndim else batch
+        require_shape(name, arrays[-1], (batch or 0, width))
     return arrays
+
+
+def require_mask(name: str, mask: Any, count: int) -> None:
+    """Raise ValueError unless this is an array of so many truth values: numbers would choose, or count, otherwise."""
+    require_shape(name, mask, (count,))
+    if np.asarray(mask).dtype != np.bool_:
+        raise ValueError(f"{name} must be an array of truth values, not of {np.asarray(mask).dtype}")
+
+
+def checked_count(name: str, value: Any, hint: str = "", least: int = 1) -> int:
+    """A whole number of at least 1, or of another ``least``; ValueError for anything else."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} {value!r:.80} must be a whole number of at least {least}{hint}")
+    return int(value)
 
 
 def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:

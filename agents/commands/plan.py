@@ -31,6 +31,7 @@ from planners import (
 from planners.capabilities import VARIANTS, capability_rows
 from planners.goals import goal_postures
 from planners.problem import Target
+from planners.robot.limits import LIMIT_KINDS
 from planners.typing import Array
 
 FPS, WIDTH = 25, 720
@@ -173,9 +174,10 @@ def _disc(values: tuple[float, ...]) -> Obstacle:
 
 def _show(trajectory: Trajectory) -> None:
     rows = [("duration", f"{trajectory.duration:.4g} s"), ("at the target", f"{trajectory.rendezvous_time:.4g} s")]
-    rows += [
-        (f"worst {kind}", f"{100.0 * ratio:.4g} % of its limit") for kind, ratio in trajectory.limit_ratios.items()
-    ]
+    for kind in LIMIT_KINDS:
+        limited = np.isfinite(trajectory.problem.joint_limits.array(kind)).any()
+        share = f"{100.0 * trajectory.limit_ratios[kind]:.4g} % of its limit"
+        rows.append((f"worst {kind}", share if limited else "no limit"))
     if trajectory.problem.obstacles:
         rows.append(("least clearance", f"{1e3 * trajectory.clearance:.4g} mm"))
     rows += [("cost", f"{trajectory.cost:.5g}"), ("samples", str(len(trajectory.t)))]

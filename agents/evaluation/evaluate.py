@@ -17,9 +17,9 @@ from agents.environments import MOST_EPISODES, VectorEnv, check_names, check_see
 from agents.evaluation.results import Evaluation, Timing
 from agents.policies.lookup import AnyPolicy, name_policy
 from agents.policies.policy import Actor, CountsPlans, EstimatesPayload, Policy, is_maker
-from envs.checks import checked_count
 from envs.experts import Expert
 from envs.physics.actuation import LIMIT_KINDS
+from planners.checks import checked_count
 from planners.typing import Array
 
 Info = Mapping[str, Any]

@@ -17,7 +17,8 @@ from planners.control.laws import (
     SlotineLi,
 )
 from planners.control.model import ArmModel, PlanarArmModel
-from planners.control.observer import ArmObserver, Estimate, ObserverSettings
+from planners.control.observer import ArmObserver, Estimate
+from planners.control.observer_settings import ObserverSettings
 from planners.control.payload_estimation import LeastSquaresSums, PayloadEstimator
 from planners.control.tracking import Gains, held_torque, tracking_acceleration
 

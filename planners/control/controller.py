@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +11,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.checks import (
+    LARGEST,
+    checked_count,
+    float_array,
+    float_rows,
+    require_all_finite,
+    require_finite,
+    require_mask,
+)
 from planners.control.model import ArmModel
 from planners.typing import Array
 
@@ -31,9 +41,11 @@ class ControlSettings:
     torque_limit: Array
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not np.all(np.asarray(value) > 0.0):
-                raise ValueError(f"{name} {value} of a controller must be positive")
+        require_finite("period", self.period, "s", "positive")
+        for name in ("bandwidth", "inertia", "torque_limit"):
+            values = float_array(name, getattr(self, name))
+            require_all_finite(name, values, "positive", math.inf if name == "torque_limit" else LARGEST)
+            object.__setattr__(self, name, values)
 
 
 @dataclass(frozen=True)
@@ -45,6 +57,9 @@ class PayloadPrior:
     upper: Array
 
     def __post_init__(self) -> None:
+        for name, values in [*vars(self).items()]:
+            object.__setattr__(self, name, float_array(name, values))
+        require_all_finite("initial", self.initial)
         shapes = {np.shape(value) for value in vars(self).values()}
         if len(shapes) != 1 or not np.all((self.lower <= self.initial) & (self.initial <= self.upper)):
             raise ValueError(f"initial parameters {self.initial} must lie within {self.lower} and {self.upper}")
@@ -85,7 +100,7 @@ class Controller(ABC):
         for name in ("bandwidth", "inertia", "torque_limit"):
             _refuse_shape(name, getattr(settings, name), model.n_joints, "joints")
         _refuse_shape("initial", prior.initial, model.n_parameters, "parameters of the payload")
-        self.model, self.settings, self.prior, self.rows = model, settings, prior, rows
+        self.model, self.settings, self.prior, self.rows = model, settings, prior, checked_count("rows", rows)
         self._memory: Array = np.empty((rows, model.n_parameters + model.n_joints))
         self.parameters: Array = self._memory[:, : model.n_parameters]
         self._carried: Array = self._memory[:, model.n_parameters :]
@@ -93,6 +108,8 @@ class Controller(ABC):
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         """Reset the memory, in the rows of a mask ``(batch,)`` or in all of them."""
+        if rows is not None:
+            require_mask("rows", rows, self.rows)
         chosen = slice(None) if rows is None else rows
         self.parameters[chosen] = self.prior.initial
         self._carried[chosen] = self._carried_at_first
@@ -126,18 +143,27 @@ class Controller(ABC):
             q, qd: measured angles and velocities.
             q_d, qd_d, qdd_d: desired angles, velocities and accelerations.
             within: least and largest torques available at this sample, N m; the settings' limits when left out.
+
+        Raises:
+            ValueError: if a shape does not fit, or a least torque is above the largest.
         """
-        sample = Sample(q, qd, q_d, qd_d, qdd_d)
-        unlimited = self._law(sample)
+        sample = self._sample(q, qd, q_d, qd_d, qdd_d)
         limit = self.settings.torque_limit
         lower, upper = within or (-limit, limit)
+        if not np.all(np.asarray(lower) <= np.asarray(upper)):
+            raise ValueError(f"within {within!r:.200} must be the least torques and then the largest, N m")
+        unlimited = self._law(sample)
         tau: Array = np.clip(unlimited, lower, upper)
         self._update(sample, free=tau == unlimited)
         return tau
 
     def unlimited_torque(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
         """Torques of the law without limits, see `torque`; the memory stays as it is."""
-        return self._law(Sample(q, qd, q_d, qd_d, qdd_d))
+        return self._law(self._sample(q, qd, q_d, qd_d, qdd_d))
+
+    def _sample(self, q: Array, qd: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Sample:
+        n = self.model.n_joints
+        return Sample(*float_rows(n, self.rows, q=q, qd=qd, q_d=q_d, qd_d=qd_d, qdd_d=qdd_d))
 
     @abstractmethod
     def _law(self, sample: Sample) -> Array:

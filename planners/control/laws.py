@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.checks import float_vector
 from planners.control.controller import Controller, ControlSettings, PayloadPrior, Sample
 from planners.control.model import ArmModel
 from planners.typing import Array
@@ -57,9 +58,7 @@ class AdaptiveController(Controller):
     def __init__(
         self, model: ArmModel, settings: ControlSettings, prior: PayloadPrior, gain: Array, rows: int = 1
     ) -> None:
-        if np.shape(gain) != (model.n_parameters,) or not np.all(np.asarray(gain) >= 0.0):
-            raise ValueError(f"gain {gain} must be {model.n_parameters} numbers that are not negative")
-        self.gain = gain
+        self.gain = float_vector("gain", gain, model.n_parameters, "not negative")
         super().__init__(model, settings, prior, rows)
 
     def _adapt(self, regressor: Array, direction: Array) -> None:

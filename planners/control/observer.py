@@ -21,9 +21,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.checks import float_rows, require_shape
+from planners.checks import float_rows, require_finite, require_mask, require_shape
 from planners.compiled.calls import private
 from planners.control.filtering import correct_by, move_covariance
+from planners.control.observer_settings import ObserverSettings
 from planners.control.tracking import held_torque_rows
 from planners.robot.arm import Arm
 from planners.robot.dynamics import mass_matrix_single, solve_mass_matrix
@@ -43,41 +44,6 @@ LEAST_REACH = 1e-3
 
 _SURE = 5.0
 """Standard deviations of the noise up to which a first measured velocity counts as rest."""
-
-
-@dataclass(frozen=True)
-class ObserverSettings:
-    """What is known of arm, sensors and latency before the first sample.
-
-    Attributes:
-        period: between two samples, s.
-        steps: steps of the simulation in a period.
-        unmodelled: standard deviation of what the model leaves out of a period's mean acceleration, rad/s^2, as if
-            independent in each period; for an error that lasts over several periods, several times its size.
-        late: least and largest number of steps by which a command comes late.
-        noise: standard deviations of measured angles (rad) and velocities (rad/s).
-        masses: standard deviation of the share by which links are heavier than the nominal ones.
-        alike: whether that share is the same for all links.
-        payload: standard deviation of the payload, kg.
-        friction: standard deviations of viscous (N m s/rad) and dry friction (N m).
-        likely_friction: what they are around.
-    """
-
-    period: float
-    steps: int
-    unmodelled: float
-    late: tuple[int, int] = (0, 0)
-    noise: tuple[float, float] = (0.0, 0.0)
-    masses: float = 0.0
-    alike: bool = False
-    payload: float = 0.0
-    friction: tuple[float, float] = (0.0, 0.0)
-    likely_friction: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def waiting(self) -> int:
-        """Periods over which commands can be on their way."""
-        return -(-self.late[1] // self.steps)
 
 
 @dataclass(frozen=True)
@@ -105,6 +71,7 @@ class Estimate:
 
         Another shape is a ValueError.
         """
+        require_finite("period", period, "s", "positive")
         require_shape("qdd", qdd, self.q.shape)
         qdd = np.asarray(qdd, dtype=float)
         tau = np.empty_like(qdd)
@@ -166,7 +133,7 @@ class ArmObserver:
         q, qd = float_rows(self.n_joints, q=q, qd=qd)
         rows, n = q.shape
         require_shape("memory", memory, (rows, self.width))
-        require_shape("starts", starts, (rows,))
+        require_mask("starts", starts, rows)
         out, coupling, weight = np.empty((3, rows, n)), np.empty((rows, n, n)), np.empty((rows, n))
         chain = self._coupling, self._weight
         _update(chain, self._known, self._times, self._steps, memory, starts, q, qd, out, coupling, weight)

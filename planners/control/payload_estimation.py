@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.checks import float_rows, float_vector, require_finite, require_mask
 from planners.control.model import ArmModel
 from planners.typing import Array
 
@@ -41,6 +43,7 @@ class LeastSquaresSums:
 
     def restarted(self, rows: NDArray[np.bool_], expected: float = 0.0) -> LeastSquaresSums:
         """A copy with the rows of a mask ``(batch,)`` as they are before the first sample."""
+        require_mask("rows", rows, len(self.information))
         regressor, residual = self.regressor * ~rows[:, None], self.residual * ~rows[:, None]
         correlation = np.where(rows, PRIOR * expected, self.correlation)
         return LeastSquaresSums(regressor, residual, self.information * ~rows, correlation)
@@ -65,16 +68,24 @@ class PayloadEstimator:
     tracking error (so it serves policies without a reference) and no inverse of the mass matrix.
 
     Args:
-        model: the arm without payload, with the mass as the only parameter; otherwise ValueError.
-        torque_limit: of each joint, ``(n,)``, N m.
+        model: the arm without payload, with the mass as the only parameter.
+        torque_limit: of each joint, ``(n,)``, N m; a joint without one (infinite) counts as much as the strongest.
         period: for which torques are held, s.
         cutoff: of the filter, rad/s.
+
+    Raises:
+        ValueError: for a model with other parameters, and for values that are not positive.
     """
 
     def __init__(self, model: ArmModel, torque_limit: Array, period: float, cutoff: float = CUTOFF) -> None:
         if model.n_parameters != 1:
             raise ValueError(f"a model with {model.n_parameters} parameters; give one with the mass alone")
-        self._model, self._torque_limit, self._period = model, torque_limit, period
+        require_finite("period", period, "s", "positive")
+        require_finite("cutoff", cutoff, "rad/s", "positive")
+        limit = float_vector("torque_limit", torque_limit, model.n_joints, "positive", math.inf)
+        strongest = limit[np.isfinite(limit)].max(initial=0.0)
+        self._torque_limit = np.where(np.isfinite(limit), limit, strongest or 1.0)
+        self._model, self._period = model, period
         self._passed = -np.expm1(-cutoff * period)
 
     def update(self, before: LeastSquaresSums, q: Array, qd: Array, qdd: Array, tau: Array) -> LeastSquaresSums:
@@ -85,7 +96,11 @@ class PayloadEstimator:
             q, qd: angles and velocities at its end, ``(batch, n)``.
             qdd: mean accelerations over it, ``(batch, n)``.
             tau: torques that were held, ``(batch, n)``, N m.
+
+        Raises:
+            ValueError: if a shape does not fit.
         """
+        q, qd, qdd, tau = float_rows(self._model.n_joints, len(before.information), q=q, qd=qd, qdd=qdd, tau=tau)
         half = 0.5 * self._period
         qd_middle = qd - half * qdd
         state = q - half * (qd - 0.5 * half * qdd), qd_middle, qd_middle, qdd

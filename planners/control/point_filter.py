@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.checks import float_vector, require_finite, require_mask, require_shape
 from planners.typing import Array
 
 WIDTH = 7
@@ -33,6 +34,12 @@ class PointFilter:
     noise: tuple[float, float]
     manoeuvre: float = 0.0
 
+    def __post_init__(self) -> None:
+        require_finite("period", self.period, "s", "positive")
+        float_vector("noise", self.noise, 2, "not negative")
+        require_finite("noise of positions", self.noise[0], "m", "positive")
+        require_finite("manoeuvre", self.manoeuvre, "m/s^2", "not negative")
+
     def update(
         self, memory: Array, starts: NDArray[np.bool_], position: Array, velocity: Array, acceleration: Array | float
     ) -> None:
@@ -44,7 +51,14 @@ class PointFilter:
             starts: where an episode begins, ``(batch,)``: the sample is all that is known.
             position, velocity: the sample, ``(batch, points, 2)``, m and m/s.
             acceleration: known, of the last period, ``(batch, points, 2)``, m/s^2.
+
+        Raises:
+            ValueError: if a shape does not fit.
         """
+        require_mask("starts", starts, len(memory))
+        require_shape("memory", memory, (*memory.shape[:2], WIDTH))
+        for name, sample in (("position", position), ("velocity", velocity)):
+            require_shape(name, sample, (*memory.shape[:2], 2))
         t, variance = self.period, np.square(self.noise)
         place, rate = memory[..., :2].copy(), memory[..., 2:4].copy()
         pp, pv, vv = memory[..., 4], memory[..., 5], memory[..., 6]

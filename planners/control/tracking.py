@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from planners.checks import float_rows
+from planners.checks import float_rows, require_finite
 from planners.compiled.calls import private
 from planners.robot.arm import Arm
 from planners.robot.dynamics import forward_dynamics_single, inverse_dynamics_single, mass_matrix_single
@@ -21,9 +21,14 @@ class Gains:
     position: float = 64.0
     velocity: float = 16.0
 
+    def __post_init__(self) -> None:
+        require_finite("position gain", self.position, "1/s^2", "not negative")
+        require_finite("velocity gain", self.velocity, "1/s", "not negative")
+
     @classmethod
     def sampled(cls, period: float) -> Gains:
         """Critically damped gains with a bandwidth of 0.16 / period (s): 8 rad/s at 20 ms."""
+        require_finite("period", period, "s", "positive")
         bandwidth = 0.16 / period
         return cls(position=bandwidth**2, velocity=2.0 * bandwidth)
 
@@ -42,11 +47,15 @@ def tracking_acceleration(
     period then reach the reference's velocity at the next sample.
 
     Measured angles and velocities ``q, qd``, and those of the reference at this and the next sample, ``now`` and
-    ``ahead``, are ``(batch, n)``, as is the result, rad/s^2; ``period`` is T, s.
+    ``ahead``, are ``(batch, n)``, as is the result, rad/s^2; ``period`` is T, s. A shape that does not fit is a
+    ValueError.
     """
+    require_finite("period", period, "s", "positive")
     gains = gains or Gains()
-    feed_forward = (ahead[1] - now[1]) / period
-    return feed_forward + gains.velocity * (now[1] - qd) + gains.position * (now[0] - q)
+    reference = {"angles now": now[0], "velocities now": now[1], "angles ahead": ahead[0], "velocities ahead": ahead[1]}
+    q, qd, q_now, qd_now, _, qd_ahead = float_rows(np.shape(q)[-1], None, q=q, qd=qd, **reference)
+    feed_forward = (qd_ahead - qd_now) / period
+    return feed_forward + gains.velocity * (qd_now - qd) + gains.position * (q_now - q)
 
 
 def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
@@ -57,6 +66,7 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     Raises:
         ValueError: if a shape does not fit.
     """
+    require_finite("period", period, "s", "positive")
     q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
     tau = np.empty_like(q)
     _held_torque(*arm.chain_constants, q, qd, qdd, period, tau)

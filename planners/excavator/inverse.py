@@ -97,7 +97,16 @@ class Branches:
         return fine
 
     def explain(self, target: int | tuple[int, ...] = ()) -> str:
-        """One line for each branch of a target: its name, flags and joints out of range."""
+        """One line for each branch of a target: its name, flags and joints out of range.
+
+        Args:
+            target: index of the target in ``(...)``; left out for a single one.
+
+        Raises:
+            ValueError: if that is no single target.
+        """
+        if np.shape(self.nearest[target]) != ():
+            raise ValueError(f"target {target!r:.80} must be the index of one target among {np.shape(self.nearest)}")
         limits = self.machine.limits
         ranges = list(zip(np.degrees(limits.angle_lower), np.degrees(limits.angle_upper), strict=True))
         lines = []

@@ -68,7 +68,7 @@ def load_arm(spec: Arm | str | Path | Mapping[str, Any]) -> Arm:
     if isinstance(spec, Arm):
         return spec
     if isinstance(spec, Mapping):
-        return _from_mapping(spec, str(spec.get("name", "arm")), "arm")
+        return _from_mapping(spec, "arm", "arm")
     if not isinstance(spec, str | Path):
         raise ValueError(f"{brief(spec)} is no arm; give an Arm, a name, the path of a YAML or JSON file, or a mapping")
     if isinstance(spec, str) and spec in PRESETS:
@@ -113,16 +113,16 @@ def _plain(value: Any) -> Any:
 def _from_mapping(document: Mapping[str, Any], name: str, what: str) -> Arm:
     """The arm of a document; ``what`` it is, for messages."""
     refuse_unknown(document, [*KEYS, "name", "limits", "source"], f"key of {what}")
+    document = {key: value for key, value in document.items() if value is not None}  # null is as good as left out
     missing = [key for key in ("lengths_m", "masses_kg") if key not in document]
     if missing:
         raise ValueError(f"{what} has no {' and no '.join(missing)}; an arm needs lengths_m and masses_kg")
     name = document.get("name", name)
     if not isinstance(name, str):
         raise ValueError(f"{what}: name {brief(name)} must be a text")
-    given = {attribute: _numbers(document[key]) for key, attribute in KEYS.items() if key in document}
-    limits = document.get("limits")
+    given: dict[str, Any] = {attribute: _numbers(document[key]) for key, attribute in KEYS.items() if key in document}
     try:
-        return Arm(name=name, limits=_limits({} if limits is None else limits), **given)
+        return Arm(name=name, limits=_limits(document.get("limits", {})), **given)
     except ValueError as error:
         raise ValueError(f"{what}: {str(error).removeprefix(f'{name}: ')}") from None
 

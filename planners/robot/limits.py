@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.checks import LARGEST, brief, is_number, refuse_unknown, require_all_finite
+from planners.checks import LARGEST, brief, is_number, refuse_unknown, require_all_finite, require_finite
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -103,7 +103,12 @@ class JointLimits:
         return self
 
     def scaled(self, factor: float) -> JointLimits:
-        """Torque, velocity, acceleration and jerk limits times ``factor``; joint angles keep theirs."""
+        """Torque, velocity, acceleration and jerk limits times ``factor``; joint angles keep theirs.
+
+        Raises:
+            ValueError: for a factor that is not finite and positive.
+        """
+        require_finite("factor", factor, "", "positive")
         kinds = (self.torque, self.velocity, self.acceleration, self.jerk)
         torque, velocity, acceleration, jerk = (type(values)(factor * value for value in values) for values in kinds)
         return JointLimits(torque, velocity, acceleration, jerk, self.angle)

@@ -171,10 +171,12 @@ class Trajectory(ByValue):
 
     def __repr__(self) -> str:
         """One line: planner, duration, worst limit and least clearance."""
-        worst = int(self.measured.ratios.argmax())
-        parts = [f"{self.duration:.4g} s", f"{LIMIT_KINDS[worst]} at {100.0 * self.limit_ratio:.4g} % of its limit"]
-        if self.limit_ratio == 0.0:
-            parts[1] = "no limits"
+        limits, ratios = self.problem.joint_limits, self.limit_ratios
+        limited = [kind for kind in LIMIT_KINDS if np.isfinite(limits.array(kind)).any()]
+        worst = max(limited, key=ratios.__getitem__, default=None)
+        parts = [f"{self.duration:.4g} s", "no limits"]
+        if worst is not None:
+            parts[1] = f"{worst} at {100.0 * ratios[worst]:.4g} % of its limit"
         if math.isfinite(self.clearance):
             parts.append(f"clearance {1e3 * self.clearance:.4g} mm")
         return f"<Trajectory by {self.planner}: {', '.join(parts)}, {len(self.t)} samples>"
