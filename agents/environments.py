@@ -24,7 +24,7 @@ SEED_MOST = 2**62
 MOST_EPISODES = 10_000_000
 """Most episodes of an evaluation."""
 
-_OWN: dict[str, None] = {}  # modules of tasks that `import_env` has imported
+_OWN: dict[str, str] = {}  # modules that `import_env` has imported, by the id of the environment
 _IN_MODULE = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w./+-]*")
 
 
@@ -65,13 +65,18 @@ def import_env(env_id: str) -> str:
     """The id of an environment, without the module in front of it, which is imported; raises as `import_before`."""
     name = import_before(env_id)
     if name != env_id:
-        _OWN[env_id.partition(":")[0]] = None
+        _OWN[name] = env_id.partition(":")[0]
     return name
+
+
+def full_name(env_id: str) -> str:
+    """The id with the module in front of it that `import_env` has imported for it, if any: as commands take it."""
+    return f"{_OWN[env_id]}:{env_id}" if env_id in _OWN else env_id
 
 
 def own_modules() -> tuple[str, ...]:
     """The modules that `import_env` has imported in this process, which another one needs for the same tasks."""
-    return tuple(_OWN)
+    return tuple(dict.fromkeys(_OWN.values()))
 
 
 def check_seed(seed: Any) -> int:

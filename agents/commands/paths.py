@@ -19,6 +19,7 @@ from agents.figures.paths import draw_paths
 from agents.policies.lookup import name_policies
 from agents.tables import Table
 from agents.yaml_config import assigned, refuse_twice
+from planners.checks import brief
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ def run(options: PathsOptions) -> int:
         if assumption := named.assumption(env_id, settings):
             note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
     records = [record_episode(env_id, named, options.seed, reset_options, settings) for named in policies]
-    start = f"{env_id}, " + (
-        "the paper's start" if reset_options.get("scenario") == "paper" else f"seed {options.seed}"
-    )
+    paper = reset_options.get("scenario") == "paper"
+    given = [f"{name} {brief(value)}" for name, value in {**settings, **reset_options}.items() if value != "paper"]
+    start = ", ".join([env_id, "the paper's start" if paper else f"seed {options.seed}", *given])
     if options.plot is not None:
         write_picture(draw_paths(records, start), options.plot, options.dpi)
     outcome_table(start, records).show()

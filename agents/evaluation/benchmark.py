@@ -110,6 +110,7 @@ class Benchmark:
             known = _starts(task) in shipped
             recorded = replays and self.config.replays > 0 and task_type(task.env) is not None
             for named in self.policies(task):
+                named.require_same_episodes(task.env, task.env_config)
                 if known and self._comes_with_planarm(task, named):
                     continue
                 self._act_once(task, named, single=False)

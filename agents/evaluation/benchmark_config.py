@@ -45,6 +45,7 @@ class BenchmarkTask(Settings):
         episodes: number of episodes, if not that of the benchmark.
         bound_episodes: number of episodes whose bound is computed, if not that of the benchmark.
         published: a figure from a paper, for its own row.
+        changed: settings and options that were changed after the task had its ``name``.
     """
 
     env: str
@@ -57,6 +58,7 @@ class BenchmarkTask(Settings):
     episodes: int | None = Field(None, ge=1, le=MOST_EPISODES)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
+    changed: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("env")
     @classmethod
@@ -101,14 +103,14 @@ class BenchmarkTask(Settings):
     @property
     def beside_title(self) -> str:
         """Settings and reset options that the title does not name, such as "payload 0.2, horizon 2"; "" for none."""
-        if self.name:
-            return ""
         level = envs.task_card(self.env).levels[self.level] if self.level else None
         named = (level.settings, level.options) if level else ({}, {})
         parts = zip((self.env_config, self.options), map(portable, map(dict, named)), strict=True)
         own = [
             (name, value) for given, of_level in parts for name, value in given.items() if value != of_level.get(name)
         ]
+        if self.name:
+            own = list(self.changed.items())
         return ", ".join(f"{name} {brief(value)}" for name, value in own)
 
 
@@ -204,9 +206,12 @@ def configure(
     if (level := changes.pop("level", None)) is not None:
         chosen = _at_one_level(chosen, level, set(tasks or ()))
     for name in ("env_config", "options"):
-        more = changes.pop(name, {})
+        more = portable(changes.pop(name, {}))
         own_modes: dict[str, Any] = {"control_modes": {}} if "control_mode" in more else {}
-        chosen = [task.model_copy(update={name: {**getattr(task, name), **more}, **own_modes}) for task in chosen]
+        for place, task in enumerate(chosen):
+            before = getattr(task, name)
+            changed = task.changed | {key: value for key, value in more.items() if before.get(key) != value}
+            chosen[place] = task.model_copy(update={name: {**before, **more}, "changed": changed, **own_modes})
     policies = changes.get("policies")
     if policies is not None:
         own = [(task, _without_other_experts(policies, task.env)) for task in chosen]

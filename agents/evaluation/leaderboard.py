@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.environments import full_name
 from agents.evaluation import statistics
 from agents.evaluation.benchmark_config import BenchmarkTask
 from agents.evaluation.results import Evaluation, Timing
@@ -33,6 +34,7 @@ class TaskResult:
     ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
     ``lower`` are its certified lower bounds, NaN where none is known;
     ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's;
+    ``sources`` are by policy the names or paths that commands know it by, empty for one in memory;
     ``assumptions`` say what is taken for granted about a policy; ``compared`` names the policies whose episodes are
     compared with those of all others; ``replays`` are recorded episodes (`agents.evaluation.replays`).
     """
@@ -43,6 +45,7 @@ class TaskResult:
     bounds: Array | None = None
     lower: Array | None = None
     action_configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
     assumptions: list[str] = field(default_factory=list)
     compared: tuple[str, ...] = ()
     replays: Mapping[str, Any] | None = None
@@ -161,6 +164,7 @@ def as_document(result: TaskResult) -> dict[str, Any]:
     return {
         "task": task.title,
         "env": task.env,
+        "env_name": full_name(task.env),
         "env_config": task.env_config,
         "options": task.options,
         "policies": [_evaluation_document(result, evaluation) for evaluation in result.evaluations],
@@ -179,6 +183,7 @@ def _evaluation_document(result: TaskResult, evaluation: Evaluation) -> dict[str
     own = {"seed": evaluation.seeds, "return": evaluation.returns, "length": evaluation.lengths}
     return {
         "policy": evaluation.policy,
+        "source": result.sources.get(evaluation.policy),
         "action_config": result.action_configs.get(evaluation.policy, {}),
         "summary": {name: vars(estimate) for name, estimate in result.summarise(evaluation).items()},
         "timing": {**vars(timing), **averages},

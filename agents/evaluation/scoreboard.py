@@ -108,6 +108,7 @@ class Scoreboard:
 
 def add_settings(result: TaskResult, named: NamedPolicy) -> None:
     """Record in the results of a task the settings that a policy brings, and what is assumed about it."""
+    result.sources[named.name] = named.source
     if named.action_config:
         result.action_configs[named.name] = named.action_config
     if assumption := named.assumption(result.task.env, result.task.env_config):

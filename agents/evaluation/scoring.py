@@ -43,13 +43,15 @@ def compare(
         allow_code: whether to load models of Stable-Baselines3.
 
     Raises:
-        ValueError: as `agents.evaluate`, and if there is no policy.
+        ValueError: as `agents.evaluate`, if there is no policy, and if one was made for other episodes than the rest.
     """
     asked = {"env": import_env(env_id), "env_config": dict(env_config or {}), "options": dict(options or {})}
     task = BenchmarkTask.parse(asked, "comparison")
     named = name_policies(policies, task.env, allow_code=allow_code)
     numbers = checked_seeds(seeds)
     result = TaskResult(task, numbers, compared=tuple(each.name for each in named))
+    for each in named if len(named) > 1 else ():
+        each.require_same_episodes(task.env, task.env_config)
     for each in named:
         result.evaluations.append(
             evaluate(

@@ -18,6 +18,7 @@ from agents.policies.sb3 import load_model
 from envs.experts import ADAPTIVE, Expert, expert_names, is_expert
 from envs.settings import refuse_unknown
 from planners import load_arm
+from planners.checks import brief
 
 SHIPPED = "agent"  # name of the agent shipped with planarm for the environment
 AnyPolicy = Policy | PolicyMaker | str
@@ -36,6 +37,7 @@ class NamedPolicy:
         env_config: settings of the environment that it was trained in or made for.
         own: whether it is the user's own and not one that comes with planarm.
         unknown_actions: whether what its actions mean is not known, so that the settings have to say it.
+        source: the name or path by which `find_policy` finds it; empty for a policy in memory.
     """
 
     name: str
@@ -44,6 +46,7 @@ class NamedPolicy:
     env_config: Mapping[str, Any] = field(default_factory=dict)
     own: bool = False
     unknown_actions: bool = False
+    source: str = ""
 
     @property
     def summary(self) -> str:
@@ -73,6 +76,22 @@ class NamedPolicy:
                 raise ValueError(f"{self.name} was made for the arm {own.name}: make it for this one")
         return {**env_config, **self.action_config}
 
+    def require_same_episodes(self, env_id: str, settings: Mapping[str, Any]) -> None:
+        """Raise ValueError if it declares what an environment with these settings does not have.
+
+        It would act in other episodes than other policies; the meaning of its actions is its own.
+        """
+        task = task_type(env_id)
+        fields = {} if task is None else task.config_type.model_fields
+        has = {**{name: spec.default for name, spec in fields.items()}, **settings}
+        others = {name: value for name, value in self.action_config.items() if name not in ACTION_SETTINGS}
+        given = [f"{name} {brief(value)}" for name, value in others.items() if name not in has or has[name] != value]
+        if given:
+            raise ValueError(
+                f"{self.name} was made for {', '.join(given)} and would have other episodes than the rest: give "
+                f"{'this' if len(given) == 1 else 'these'} to every policy, as a setting of {env_id}"
+            )
+
     def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:
         """A sentence about what its actions are taken to mean, if neither it nor the settings say so."""
         task = task_type(env_id)
@@ -100,7 +119,7 @@ def name_policy(policy: AnyPolicy, env_id: str, *, name: str | None = None, allo
     A policy of your own carries settings in an attribute ``env_config``.
     """
     if isinstance(policy, str):
-        found = find_policy(policy, env_id, allow_code=allow_code)
+        found = replace(find_policy(policy, env_id, allow_code=allow_code), source=policy)
     elif isinstance(policy, Agent):
         found = _of_agent(type(policy).__name__, policy, env_id)
     elif isinstance(policy, Expert):

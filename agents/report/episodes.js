@@ -169,8 +169,8 @@ export class Episodes {
       const policy = task.policies[wanted.policies[0]];
       stage.append(
         make("h3", {}, `Seed ${wanted.seed}`),
-        make("p", { class: "hint" }, "This episode was not recorded. To see it:"),
-        make("pre", {}, command(task, policy, wanted.seed)),
+        make("p", { class: "hint" }, `This episode was not recorded. ${policy.source ? "To see it:" : "Its policy had no name that a command finds."}`),
+        policy.source ? make("pre", {}, command(task, policy, wanted.seed)) : "",
         make("p", { class: "hint" }, recorded.length ? "Recorded seeds: " : "", ...recorded.flatMap((seed) => [make("a", { href: address(wanted, seed) }, String(seed)), " "])),
       );
       return;
@@ -223,9 +223,10 @@ function command(task, policy, seed) {
   const given = (settings) => Object.entries(settings).map(([name, value]) => quoted(`${name}=${typeof value === "string" ? value : JSON.stringify(value)}`));
   const settings = given({ ...task.settings, ...policy.actions });
   const options = given(task.options);
-  const parts = ["planarm rollout", quoted(task.env), "--policy", quoted(policy.name), "--seed", seed];
+  const parts = ["planarm rollout", quoted(task.env), "--policy", quoted(policy.source), "--seed", seed];
   if (settings.length) parts.push("--settings", ...settings);
   if (options.length) parts.push("--options", ...options);
+  if (policy.source.endsWith(".zip")) parts.push("--allow-code");
   return [...parts, "--render"].join(" ");
 }
 

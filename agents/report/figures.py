@@ -47,12 +47,6 @@ def write_figures(files: Sequence[tuple[str, Results]], folder: Path) -> int:
         ValueError: if two tasks would have files of the same name.
     """
     new_sheet(1.0, 1.0)  # says first how to install matplotlib
-    titles = [task.task for task in side_by_side(files)]
-    for title in titles:
-        if titles.count(title) > 1:
-            raise ValueError(
-                f"{titles.count(title)} tasks are called {title}: give one file of results after the other"
-            )
     import matplotlib
 
     count, taken = 0, set[str]()

@@ -110,7 +110,7 @@ def _task_data(task: TaskScores, colors: Mapping[str, int]) -> dict[str, Any]:
         best = {"key": bounds[0].key, "values": [_rounded(value) for value in values]}
     return {
         "title": task.task,
-        "env": task.env,
+        "env": task.env_name or task.env,
         "settings": task.env_config,
         "options": task.options,
         "seeds": task.seeds,
@@ -120,6 +120,7 @@ def _task_data(task: TaskScores, colors: Mapping[str, int]) -> dict[str, Any]:
         "policies": [
             {
                 "name": each.policy,
+                "source": each.policy if each.source is None else each.source,
                 "color": colors[each.policy],
                 "actions": each.action_config,
                 "episodes": {

@@ -57,6 +57,7 @@ class PolicyScores(_Part):
     """The scores of a policy on a task."""
 
     policy: str
+    source: str | None = None
     action_config: dict[str, Any] = {}
     summary: dict[str, _Estimate]
     timing: _Timing
@@ -138,6 +139,7 @@ class TaskScores(_Part):
 
     task: str
     env: str
+    env_name: str | None = None
     env_config: dict[str, Any] = {}
     options: dict[str, Any] = {}
     policies: list[PolicyScores] = Field(min_length=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Collection, Sequence
 
 from agents.report.results_file import Replays, Results, TaskScores, ranked
@@ -13,14 +14,22 @@ def side_by_side(files: Sequence[tuple[str, Results]]) -> list[TaskScores]:
 
     Policies are put together where title, settings, options and seeds of the task are the same. One that has the name
     of another gets that of its file too. Policies that were compared in pairs are compared with those of the other
-    files.
+    files. Tasks that share a title only have the names of their files behind it.
     """
     together: dict[str, list[tuple[str, TaskScores]]] = {}
     for name, results in files:
         for task in results.results:
             same = json.dumps([task.task, task.env, task.env_config, task.options, task.seeds], sort_keys=True)
             together.setdefault(same, []).append((name, task))
-    return [_merged(parts) for parts in together.values()]
+    titles = Counter(parts[0][1].task for parts in together.values())
+    tasks = []
+    for parts in together.values():
+        task = _merged(parts)
+        if titles[task.task] > 1:
+            names = dict.fromkeys(name for name, _ in parts)
+            task = task.model_copy(update={"task": f"{task.task} ({', '.join(names)})"})
+        tasks.append(task)
+    return tasks
 
 
 def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
@@ -36,6 +45,7 @@ def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
                 "pairs": [*merged.pairs, *pairs],
                 "bound": merged.bound or part.bound,
                 "bound_meaning": merged.bound_meaning or part.bound_meaning,
+                "published": merged.published or part.published,
                 "metrics": merged.metrics or part.metrics,
                 "replays": _together(merged.replays, part.replays, new),
             }

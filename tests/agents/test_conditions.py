@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -74,6 +75,23 @@ def test_a_level_has_precedence_over_what_a_policy_carries_and_is_not_mixed() ->
 def test_settings_beside_the_title_are_said() -> None:
     task = BenchmarkTask.parse({"env": BELT, "level": "noise", "env_config": {"payload": 0.2}}, "task")
     assert task.beside_title == "payload 0.2"
+
+
+def test_changes_of_a_named_task_are_said() -> None:
+    tasks = {task.title: task for task in configure("benchmark", {"env_config": {"payload": 0.2}}).tasks}
+    assert {task.beside_title for task in tasks.values()} == {"payload 0.2"}
+    assert any(task.name for task in tasks.values())
+    assert {task.beside_title for task in configure("benchmark", {}).tasks if task.name} == {""}
+
+
+def test_a_policy_made_for_other_episodes_is_not_compared_with_the_rest() -> None:
+    with pytest.raises(ValueError, match=r"Carry was made for payload 0\.2 and would have other episodes"):
+        agents.compare(["dpct", f"{__name__}:Carry"], BELT, range(2))
+    with pytest.raises(ValueError, match="give this to every policy, as a setting of ConveyorTrack-v0"):
+        agents.leaderboard(["dpct", f"{__name__}:Carry"], [BELT], episodes=1)
+    named = find_policy(f"{__name__}:Carry", BELT)
+    named.require_same_episodes(BELT, {"payload": 0.2})
+    replace(named, action_config={"control_mode": "jerk", "horizon": 3.0}).require_same_episodes(BELT, {})
 
 
 def test_one_level_of_every_task_is_one_task_an_environment() -> None:

@@ -17,7 +17,9 @@ from pages import follow
 import agents
 import envs
 import planners
+from agents import environments
 from agents.cli import main
+from agents.environments import full_name, import_env
 from agents.policies.files import describe_layout, layout_of
 from agents.policies.policy import as_policy
 from planners.capabilities import VARIANTS
@@ -292,6 +294,16 @@ def test_a_planner_of_joint_motions_acts_where_it_can_and_is_named_where_it_cann
 def test_an_agent_of_one_disc_says_so_among_two() -> None:
     with pytest.raises(ValueError, match=r"observes 36 numbers.* it was trained with num_obstacles 1 \(here 2\)"):
         agents.evaluate("agent", "ObstacleDodge-v0", range(2), env_config={"num_obstacles": 2})
+
+
+def test_results_say_how_commands_find_own_tasks_and_policies(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(folder))
+    (task,) = agents.compare(["mine:plain", "dpct", import_module("mine").Plain()], ENV, range(2)).document()["results"]
+    assert task["env_name"] == ENV
+    assert [each["source"] for each in task["policies"]] == ["mine:plain", "dpct", ""]
+    assert import_env(f"mine:{ENV}") == ENV
+    assert full_name(ENV) == f"mine:{ENV}"
+    environments._OWN.clear()
 
 
 def test_seeds_may_come_from_an_iterator() -> None:

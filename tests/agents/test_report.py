@@ -149,6 +149,11 @@ def test_files_stand_side_by_side(scored: dict[str, Any]) -> None:
     other = {**scored["results"][0], "env_config": {"payload": 0.2}}
     apart = side_by_side([("one", first), ("two", Results.of({**scored, "results": [other]}))])
     assert [len(each.policies) for each in apart] == [3, 3, 3]
+    assert [each.task for each in apart] == ["ConveyorTrack-v0 (one)", "ObstacleDodge-v0", "ConveyorTrack-v0 (two)"]
+    published = {**scored["results"][0], "published": {"source": "a paper", "settling_time": 1.0, "note": ""}}
+    cited = Results.of({**scored, "results": [published]})
+    for files in ([first, cited], [cited, first]):
+        assert side_by_side([(str(number), file) for number, file in enumerate(files)])[0].published
     assert data_of(report_page([("one", first), ("two", second)]))["tasks"][0]["policies"][5]["name"]
 
 

@@ -14,6 +14,7 @@ from report_cases import HOSTILE
 
 from agents.report.page import write_report
 from agents.report.results_file import Results
+from agents.report.side_by_side import side_by_side
 
 pytestmark = pytest.mark.browser
 
@@ -151,6 +152,11 @@ def test_an_episode_that_was_not_recorded_says_how_to_see_it(page: Any, scored: 
     command = page.locator("dialog pre").text_content() or ""
     assert command.startswith("planarm rollout ConveyorTrack-v0 --policy ")
     assert f"--seed {seed} --settings payload=0.1 --render" in command
+    (task,) = side_by_side([("results", Results.of({**scored, "results": scored["results"][:1]}))])
+    nameless = [each.source for each in task.policies].index("")
+    page.goto(f"{page.url.partition('#')[0]}#/0/{nameless}/settling_time/{seed}")
+    page.get_by_text("Its policy had no name that a command finds.").wait_for()
+    assert page.locator("dialog pre").count() == 0
     page.goto(page.url.partition("#")[0] + "#/9/0/nothing")
     page.wait_for_selector("dialog:not([open])", state="attached")
 
