@@ -17,6 +17,7 @@ from envs.card import TaskCard, env_ids, load, task_card
 from envs.checks import checked_seed
 from envs.settings import refuse_unknown
 from planners import arm_document, arm_names, load_arm
+from planners.checks import brief
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 SEED_MOST = 2**62
@@ -42,6 +43,8 @@ def import_before(text: str) -> str:
     Raises:
         ValueError: if there is no such module, or its code raises an error.
     """
+    if not isinstance(text, str):
+        raise ValueError(f"{brief(text)} is no name: give a text, such as ConveyorTrack-v0")
     if not is_in_module(text):
         if ":" in text:
             raise ValueError(f'"{text}" is no module:name, such as my_module:MyTask-v0')
@@ -113,6 +116,8 @@ def check_names(
     The message says so where the name is one of the other kind, and how to give it if ``takes_options``: where reset
     options can be given too. Environments that are no tasks of planarm's kind check their own.
     """
+    for given_names in (settings, options):
+        _require_mapping(given_names)
     task = task_type(env_id)
     if task is None:
         return
@@ -130,6 +135,11 @@ def check_names(
         refuse_unknown(given, known, f"{env_id} {what}")
 
 
+def _require_mapping(given: Any) -> None:
+    if not isinstance(given, Mapping):
+        raise ValueError(f"settings and options are names with values, as in {{'payload': 0.2}}, not {brief(given)}")
+
+
 def card_of(env_id: str) -> TaskCard:
     """The card of a task; an empty one for an environment that is not registered with planarm."""
     return task_card(env_id) if env_id in env_ids() else TaskCard(metrics=(), experts={})
@@ -137,6 +147,7 @@ def card_of(env_id: str) -> TaskCard:
 
 def portable(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Settings of an environment; an arm that is an object or a file becomes a document, as JSON can hold it."""
+    _require_mapping(settings)
     arm = settings.get("arm")
     if arm is None or (isinstance(arm, str) and arm in arm_names()):
         return dict(settings)

@@ -15,7 +15,7 @@ from agents.console import INTERRUPTED, catch_interrupt, say
 from agents.environments import check_seed, import_env
 from agents.play.server import HOST, application, open_socket
 from agents.play.session import Choice, Message, Session, first_policy
-from agents.yaml_config import assigned
+from agents.yaml_config import assigned, refuse_twice
 
 
 @dataclass(frozen=True)
@@ -57,16 +57,19 @@ def run(options: PlayOptions) -> int:
     card = envs.task_card(env_id)  # raises for an unknown id
     check_seed(options.seed)
     policies = options.policies or (first_policy(env_id),)
-    settings, started = card.at_level(options.level, assigned({}, options.settings), {})
+    refuse_twice(policies, "policy")
+    settings = assigned({}, options.settings)
+    card.at_level(options.level, settings, {})  # raises for an unknown level
     first: dict[str, Any] = {"env": env_id, "policies": policies, "seed": options.seed}
-    trial = Session(allow_code=options.allow_code, settings=settings, options=started)
+    levels = {} if options.level is None else {env_id: options.level}
+    trial = Session(allow_code=options.allow_code, settings=settings, levels=levels)
     try:  # what the page would only show later
         trial.take(Message(do="choose", choice=Choice.parse(first, "play option")))
     finally:
         trial.close()
     listening = open_socket(options.port)
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
-    served = application(first, settings=settings, options=started, allow_code=options.allow_code)
+    served = application(first, settings=settings, level=options.level, allow_code=options.allow_code)
     config = uvicorn.Config(served, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1)
     say(f"playing at {address} (Ctrl-C ends it)")
     if options.browser:

@@ -200,6 +200,8 @@ def configure(
     if isinstance(tasks, str):
         raise ValueError(f"tasks {tasks!r} is one name: give a list, [{tasks!r}]")
     whole = load_config(config, BenchmarkConfig)
+    if whole.quick and whole.quick.first:
+        refuse_unknown([whole.quick.first], [task.title for task in whole.tasks], "task of quick.first")
     loaded = whole if full else whole.shortened(in_order=changes.get("policies") is not None)
     changes = dict(changes)
     chosen = list(loaded.tasks if tasks is None else _chosen(loaded, tasks))

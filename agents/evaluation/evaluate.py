@@ -69,8 +69,9 @@ def evaluate(
     num_envs = checked_count("num_envs", num_envs)
     env_id = import_env(env_id)
     named = name_policy(policy, env_id, name=name, allow_code=allow_code)
+    check_names(env_id, {} if env_config is None else env_config, {} if options is None else options)
     settings = named.own_settings({}) if env_config is None else named.settings(env_config)
-    check_names(env_id, settings, options or {})
+    check_names(env_id, settings, {})
     if env_config is None and (assumption := named.assumption(env_id, settings)):
         warn(f"{assumption}, such as env_config={{'control_mode': 'jerk'}}", stacklevel=2)
     name, acting = named.name, named.policy

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.environments import import_env
+from agents.environments import import_env, portable
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkTask, configure
 from agents.evaluation.evaluate import Info, Progress, checked_seeds, evaluate
@@ -45,7 +45,8 @@ def compare(
     Raises:
         ValueError: as `agents.evaluate`, if there is no policy, and if one was made for other episodes than the rest.
     """
-    asked = {"env": import_env(env_id), "env_config": dict(env_config or {}), "options": dict(options or {})}
+    given = {"env_config": {} if env_config is None else env_config, "options": {} if options is None else options}
+    asked = {"env": import_env(env_id), **{name: portable(values) for name, values in given.items()}}
     task = BenchmarkTask.parse(asked, "comparison")
     named = name_policies(policies, task.env, allow_code=allow_code)
     numbers = checked_seeds(seeds)

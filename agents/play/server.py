@@ -46,14 +46,14 @@ _HEADERS = {
 
 
 def application(
-    first: Mapping[str, Any], *, settings: Mapping[str, Any], options: Mapping[str, Any], allow_code: bool
+    first: Mapping[str, Any], *, settings: Mapping[str, Any], level: str | None, allow_code: bool
 ) -> Starlette:
     """The pages and the websocket.
 
     Args:
         first: what a new page plays, a `Choice` as a document.
         settings: of every environment.
-        options: of every reset.
+        level: of the task of ``first``.
         allow_code: whether models of Stable-Baselines3 may be loaded.
     """
 
@@ -62,6 +62,7 @@ def application(
             await socket.close(code=1008)
             return
         await socket.accept()
+        levels = {} if level is None else {first["env"]: level}
         chosen = list(first["policies"]) != [first_policy(first["env"])]
         await socket.send_json(
             {
@@ -72,7 +73,7 @@ def application(
                 "palette": palette_document(),
             }
         )
-        await _Page(socket, Session(allow_code=allow_code, settings=settings, options=options)).run()
+        await _Page(socket, Session(allow_code=allow_code, settings=settings, levels=levels)).run()
 
     routes = [Route(f"/{name}", _file) for name in _FILES]
     middleware = [Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])]

@@ -74,14 +74,14 @@ class Session:
     Attributes:
         allow_code: whether models of Stable-Baselines3 may be loaded.
         settings: of every environment, beside those of the choice.
-        options: of every reset, beside those of the choice.
+        levels: difficulty levels of environments, by id.
         running: whether time goes on.
         speed: of the played time, as a share of real time.
     """
 
     allow_code: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
+    levels: Mapping[str, str] = field(default_factory=dict)
     running: bool = True
     speed: float = 1.0
     _played: list[PlayedPolicy] = field(default_factory=list)
@@ -144,7 +144,7 @@ class Session:
             return None
         card = task_card(choice.env)
         metric = next(each for each in card.metrics if each.key == bound.metric)
-        settings, options = self._settings(choice), self._options(choice)
+        settings, options = self._conditions(choice)
 
         def compute() -> str:
             with closing(make_batch(choice.env, 1, settings)) as env:
@@ -182,8 +182,8 @@ class Session:
     def _choose(self, choice: Choice) -> dict[str, Any]:
         """Make the environments and policies of a choice; the old ones go on if that fails."""
         task_card(choice.env)  # raises for an unknown id
-        settings = self._settings(choice)
-        check_names(choice.env, settings, self._options(choice))
+        settings, options = self._conditions(choice)
+        check_names(choice.env, settings, options)
         mouse = Mouse()
         made: list[PlayedPolicy] = []
         try:
@@ -203,22 +203,21 @@ class Session:
             played.close()
         return described
 
-    def _settings(self, choice: Choice) -> dict[str, Any]:
-        """Settings of the environments of a choice."""
+    def _conditions(self, choice: Choice) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Settings of the environments of a choice, and options of their resets."""
         given = {"arm": choice.arm, "payload": choice.payload}
-        return {**self.settings, **{name: value for name, value in given.items() if value is not None}}
-
-    def _options(self, choice: Choice) -> dict[str, Any]:
-        """Options of the reset of a choice."""
-        return dict(self.options) if choice.scenario is None else {**self.options, "scenario": choice.scenario}
+        settings = {**self.settings, **{name: value for name, value in given.items() if value is not None}}
+        options = {} if choice.scenario is None else {"scenario": choice.scenario}
+        return task_card(choice.env).at_level(self.levels.get(choice.env), settings, options)
 
     def _find(self, name: str, env_id: str) -> NamedPolicy:
         return find_policy(name, env_id, allow_code=self.allow_code)
 
     def _begin(self, choice: Choice) -> dict[str, Any]:
         """Begin the episode of a choice; its description."""
+        _, options = self._conditions(choice)
         for played in self._played:
-            played.begin(choice.seed, self._options(choice))
+            played.begin(choice.seed, options)
         self._choice, self._due = choice, 0.0
         task, card, heaviest = self._played[0].task, self._played[0].card, self._played[0].heaviest
         controls = [{"key": each.key, "title": each.title, "span": each.span} for each in card.controls]

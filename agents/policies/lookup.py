@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -142,11 +142,13 @@ def name_policies(
         env_id: of the environment that they act in.
         allow_code: whether to load models of Stable-Baselines3.
     """
-    if not policies or isinstance(policies, str):
-        raise ValueError(f"policies {policies!r}: give a list with at least one")
-    given: list[tuple[str | None, AnyPolicy]] = (
-        list(policies.items()) if isinstance(policies, Mapping) else [(None, policy) for policy in policies]
-    )
+    given: list[tuple[str | None, AnyPolicy]] = []
+    if isinstance(policies, Mapping):
+        given = list(policies.items())
+    elif isinstance(policies, Iterable) and not isinstance(policies, str):
+        given = [(None, policy) for policy in policies]
+    if not given:
+        raise ValueError(f"policies {policies!r:.80}: give a list with at least one")
     named: dict[str, NamedPolicy] = {}
     for name, policy in given:
         found = name_policy(policy, env_id, name=name, allow_code=allow_code)

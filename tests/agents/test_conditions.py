@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,6 +168,38 @@ def test_no_file_that_a_command_reads_is_replaced(
     assert main(words) == 2
     assert "which the command reads: give it a name of its own" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: agents.evaluate("apf", BELT, [0], env_config="payload=1"),  # type: ignore[arg-type]
+        lambda: agents.evaluate("apf", BELT, [0], options=["paper"]),  # type: ignore[arg-type]
+        lambda: agents.compare(["apf"], BELT, [0], env_config=3),  # type: ignore[arg-type]
+        lambda: agents.leaderboard(["apf"], [BELT], env_config="payload=1"),  # type: ignore[arg-type]
+    ],
+)
+def test_settings_are_names_with_values(call: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=r"names with values|valid dictionary|dictionary"):
+        call()
+
+
+def test_an_environment_is_given_by_its_name() -> None:
+    for wrong in (gym.make(BELT), None, 3):
+        with pytest.raises(ValueError, match=r"is no name: give a text, such as ConveyorTrack-v0"):
+            agents.evaluate("apf", wrong, [0])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give a list with at least one"):
+        agents.compare(iter([]), BELT)  # type: ignore[arg-type]
+
+
+def test_the_first_task_of_the_quick_part_is_one_of_the_benchmark(tmp_path: Path) -> None:
+    config = tmp_path / "mine.yaml"
+    config.write_text(
+        f"episodes: 2\nbound_episodes: 0\npolicies: [apf]\ntasks: [{{env: {BELT}}}]\n"
+        "quick: {episodes: 1, bound_episodes: 0, first: ConveyorTrak-v0}\n"
+    )
+    with pytest.raises(ValueError, match='"ConveyorTrak-v0"; did you mean "ConveyorTrack-v0"'):
+        configure(str(config), {})
 
 
 def test_a_policy_is_given_once_everywhere() -> None:

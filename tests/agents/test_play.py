@@ -194,6 +194,17 @@ def test_time_can_be_stopped_stepped_and_slowed(session: Session) -> None:
     assert played(session, 1.0)[0]["scene"]["time"] == pytest.approx(0.52)
 
 
+def test_a_level_is_that_of_its_own_task() -> None:
+    made = Session(levels={"ObstacleDodge-v0": "fast"})
+    try:
+        for env in ("ObstacleDodge-v0", "ConveyorTrack-v0"):
+            chosen(made, env, "apf")
+        (played_now,) = made._played
+        assert played_now.task.env_id == "ConveyorTrack-v0"
+    finally:
+        made.close()
+
+
 def test_what_cannot_be_chosen_leaves_the_old_episode(session: Session) -> None:
     chosen(session, "ConveyorTrack-v0", "follower")
     for wrong in (
