@@ -36,6 +36,10 @@ class Settings(BaseModel):
         """Unknown names with the nearest known one, in nested settings too."""
         if isinstance(given, Mapping):
             refuse_unknown(given, cls.model_fields, "setting")
+            for name, value in given.items():
+                kinds = list(_kinds(cls.model_fields[name].annotation))
+                if isinstance(value, bool) and {int, float} & {*kinds} and bool not in kinds:
+                    raise ValueError(f"{name} {value} must be a number")
         return given
 
     @classmethod
@@ -86,6 +90,15 @@ class Settings(BaseModel):
         rows = [(f"`{name}`", *_cells(name, field, meanings[name])) for name, field in cls.model_fields.items()]
         lines = [("key", "values", "default", "unit", "meaning"), ("---",) * 5, *rows]
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _kinds(annotation: Any) -> Iterator[Any]:
+    """The types that an annotation is made of, without those inside of others."""
+    if get_origin(annotation) in (Union, UnionType):
+        for part in get_args(annotation):
+            yield from _kinds(part)
+    else:
+        yield get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
 
 
 def _causes(errors: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:

@@ -48,6 +48,11 @@ def float_array(name: str, given: Any) -> NDArray[np.float64]:
     raise ValueError(f"{name} {given!r:.80} must be numbers, as in (0.4, 0.3)")
 
 
+def floats(name: str, given: Any) -> NDArray[np.float64]:
+    """As `float_array`, without a copy of what is an array of floats already."""
+    return given if type(given) is np.ndarray and given.dtype == np.float64 else float_array(name, given)
+
+
 def require_finite(name: str, value: float, unit: str = "", sign: Sign = "", most: float = LARGEST) -> None:
     """Raise ValueError if a number is not finite, is larger than ``most``, or does not have the sign."""
     if not is_number(value):
@@ -101,8 +106,7 @@ def float_rows(width: int, batch: int | None = None, **given: ArrayLike) -> list
     """
     arrays = []
     for name, values in given.items():
-        floats = type(values) is np.ndarray and values.dtype == np.float64
-        arrays.append(np.ascontiguousarray(values) if floats else float_array(name, values))
+        arrays.append(np.ascontiguousarray(floats(name, values)))
         batch = len(arrays[0]) if batch is None and arrays[0].ndim else batch
         require_shape(name, arrays[-1], (batch or 0, width))
     return arrays

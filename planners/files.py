@@ -108,6 +108,11 @@ def _draft(target: Path, suffix: str) -> Path:
     return target.with_name(f".{target.stem[:20]}.{os.getpid()}-{next(_DRAFTS)}{suffix[:20]}")
 
 
+def is_draft(path: Path) -> bool:
+    """Whether a file has the name of a draft of `whole_file`, which a killed process may have left."""
+    return re.fullmatch(r"\..{0,20}\.\d+-\d+(\..{0,19})?", path.name) is not None
+
+
 def is_stream(path: Path) -> bool:
     """Whether a path is a pipe, a device, or one of the open files, which are not to be replaced."""
     return _descriptor(path) is not None or (path.exists() and not path.is_file() and not path.is_dir())
@@ -133,7 +138,7 @@ def _open_stream(path: Path) -> BinaryIO:
     return os.fdopen(os.dup(descriptor), "wb")
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file atomically."""
     with whole_file(path) as draft:
         draft.write_bytes(content)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import float_array, require_all_finite, require_finite
+from planners.checks import float_array, floats, require_all_finite, require_finite
 from planners.robot.arm import MOST, Arm, JointLimits
 from planners.typing import Array
 
@@ -51,6 +51,9 @@ class ByValue:
 
     def __hash__(self) -> int:
         return hash(_hashable(_values(self)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), _values(self)  # a copy is checked, and read-only, as what it is of
 
 
 def _values(instance: Any) -> tuple[Any, ...]:
@@ -113,7 +116,7 @@ class MovingHand(ByValue):
 
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Position and velocity at times ``t``, each ``t.shape + (2,)``."""
-        time = np.asarray(t, dtype=float)[..., None]
+        time = floats("t", t)[..., None]
         position = self.position + time * self.velocity + 0.5 * time**2 * self.acceleration
         return position, self.velocity + time * self.acceleration
 

@@ -9,10 +9,11 @@ from typing import Annotated
 import tyro
 
 import envs
+from agents.console import note
 from agents.environments import import_env, is_in_module
 from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.benchmark_config import BenchmarkConfig
-from agents.policies.agent import ACTION_SETTINGS
+from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.policies.files import load_agent
 from agents.policies.lookup import find_policy, is_shipped
 from agents.report.outputs import ScoreOutputs, run_and_print
@@ -85,6 +86,9 @@ class EvaluateOptions(ScoreOutputs):
         }
         if self.replays is not None:
             settings["replays"] = self.replays
+        levels = named.policy.levels if isinstance(named.policy, Agent) and named.own else ()
+        if levels and self.level is None:
+            note(f"{named.name} was trained at {', '.join(levels)}; these are other episodes: give --level", "yellow")
         config = BenchmarkConfig.parse(settings, "evaluation setting")
         return Benchmark(config, compared=(named.name,), allow_code=self.allow_code)
 
@@ -93,11 +97,13 @@ class EvaluateOptions(ScoreOutputs):
             env_id = import_env(self.env)
             envs.task_card(env_id)  # raises for an unknown id
             return env_id
+        if self.policy.endswith(".zip") and not Path(self.policy).is_file():
+            raise ValueError(f"no file {self.policy}")
         names_none = is_expert(self.policy) or is_in_module(self.policy) or self.policy.endswith(".zip")
         if names_none or is_shipped(self.policy):
             raise ValueError(f"no environment: give --env, one of {', '.join(envs.env_ids())}")
         try:
-            return load_agent(self.policy).env_id
+            return load_agent(Path(self.policy)).env_id
         except ValueError as error:
             config = Path(self.policy) / "config.yaml"
             named = load_config(str(config), TrainingConfig).env if config.is_file() else ""

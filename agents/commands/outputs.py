@@ -10,11 +10,16 @@ from typing import Any
 
 from agents.console import note
 from agents.figures.sheet import FORMATS, Figure, image_bytes, new_sheet
+from agents.policies.sb3 import statistics_names
+from agents.yaml_config import SHIPPED
 from envs.settings import refuse_unknown
 from planners.files import check_output, is_stream, write_bytes
 
 OUTPUTS = ("json", "report", "csv", "save", "plot", "record", "animate")
 """Options that name a file to write."""
+
+FILES_OF_FOLDERS = ("best", "last", "checkpoint", "previous", "config", "run", "metrics", "warm_start", "agent", "card")
+"""Names, without suffixes, of the files of runs and of submissions."""
 
 BELONGS = {"dpi": "plot", "fps": "record", "width": "record"}
 """Options that say how the file of another one is written."""
@@ -62,8 +67,22 @@ def _read_by(options: Any) -> Iterator[Path]:
         for each in value if isinstance(value, tuple) else (value,):
             if field.name in (*OUTPUTS, "out", "figures") or not isinstance(each, str | Path):
                 continue
-            path = Path(str(each).rpartition("=")[2])
-            yield from (path, path.with_suffix(".json")) if path.suffix == ".safetensors" else (path,)
+            text = str(each).rpartition("=")[2]
+            yield from _beside(Path(text))
+            yield Path(f"{text.partition(':')[0].replace('.', '/')}.py")  # of module:name
+            if field.name == "config":
+                yield SHIPPED / f"{text}.yaml"
+
+
+def _beside(path: Path) -> Iterator[Path]:
+    """A file that a command reads with those that belong to it; of a folder those of a run or of a submission."""
+    yield path
+    if path.suffix == ".safetensors":
+        yield path.with_suffix(".json")
+    elif path.suffix == ".zip":
+        yield from (path.parent / name for name in statistics_names(path.stem))
+    elif path.is_dir():
+        yield from (each for each in path.iterdir() if each.stem in FILES_OF_FOLDERS)
 
 
 def _check_picture(plot: Path, dpi: int) -> None:

@@ -105,9 +105,10 @@ def run(options: TrainOptions) -> int:
         note(remark, "yellow")
     if code := _train_with_bar(training):
         command = shlex.join(["planarm", "train", "--resume", str(training.folder)])
-        note(f"stopped; continue from {training.steps:,} steps: {command}")
+        note(f"stopped; continue{f' from {training.steps:,} steps' if training.steps else ''}: {command}")
         return code
-    note(f"{training.steps:,} steps; the best agent is {training.folder}/best.safetensors")
+    best = training.folder / "best.safetensors"
+    note(f"{training.steps:,} steps; the best agent {'is' if best.exists() else 'was (it is missing now)'} {best}")
     return 0
 
 

@@ -75,7 +75,8 @@ def check_dataset(
     for number, episode in enumerate(read_dataset(dataset)):
         if not len(episode.observations) - 1 == len(episode.actions) == len(episode.rewards) > 0:
             raise ValueError(f"episode {number} of dataset {dataset} has not as many actions, rewards and observations")
-        for what, numbers in (("observations", episode.observations), ("actions", episode.actions)):
+        for what in ("observations", "actions", "rewards"):
+            numbers = getattr(episode, what)
             if not np.isfinite(numbers).all():
                 raise ValueError(f"episode {number} of dataset {dataset} has {what} that are not finite")
         if not all(bounds.contains(action) for action in episode.actions.astype(bounds.dtype)):

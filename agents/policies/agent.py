@@ -35,7 +35,7 @@ _NORMAL = ("normal.mean", "normal.std", "normal.clip")
 _LOG_STD_RANGE = np.float32(-20.0), np.float32(2.0)  # of SAC's noise, as Stable-Baselines3 limits it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Agent:
     """A trained policy: the mean and the standard deviation of a Gaussian over actions.
 
@@ -50,11 +50,13 @@ class Agent:
         document: its JSON: environment, layout, architecture, training, scores.
         tensors: weights, float32; copies that cannot be written.
         generator: draws the actions that are not deterministic.
+        shipped: whether it comes with planarm: then it is scored in any settings, and not in those of its training.
     """
 
     document: Mapping[str, Any]
     tensors: Tensors
     generator: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    shipped: bool = False
     _network: Network = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -86,6 +88,14 @@ class Agent:
     def action_config(self) -> dict[str, Any]:
         """The settings that define what its actions mean; it acts with no others."""
         return {name: value for name, value in self.env_config.items() if name in ACTION_SETTINGS}
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """The difficulty levels at which it was trained; none if that was on the plain task."""
+        training = self.document.get("training")
+        config = training.get("config") if isinstance(training, Mapping) else None
+        levels = config.get("levels") if isinstance(config, Mapping) else None
+        return tuple(map(str, levels)) if isinstance(levels, list | tuple) else ()
 
     @property
     def squashed(self) -> bool:

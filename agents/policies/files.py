@@ -50,7 +50,7 @@ def load_agent(source: str | Path, variant: str | None = None) -> Agent:
 
     Args:
         source: the id of an environment, for the agent shipped with planarm; or the path of a run folder, for its best
-            agent, or of a .safetensors file with its JSON beside it.
+            agent, or of a .safetensors file with its JSON beside it. A `Path` is never an id.
         variant: with the id of an environment: the name of the agent that is shipped for harder episodes, one of
             `shipped_variants`; None for the agent of the default episodes.
 
@@ -80,7 +80,7 @@ def load_agent(source: str | Path, variant: str | None = None) -> Agent:
         raise ValueError(f"{path} and {path.with_suffix('.json').name} beside it do not belong together; restore both")
     try:
         layout = layout_of(str(document["env"]), document["env_config"])
-        agent = check_agent(Agent(document, tensors))
+        agent = check_agent(Agent(document, tensors, shipped=path.parent == Path(str(_SHIPPED))))
     except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     _check_layout(path, document, layout)
@@ -95,8 +95,14 @@ def save_agent(agent: Agent, path: str | Path) -> None:
 
     An agent that is there already can be loaded at any moment, until the new one can: the JSON holds that of the
     replaced weights too until they are replaced.
+
+    Raises:
+        ValueError: for a file of another suffix, and for weights with which no agent can act.
     """
     path = Path(path)
+    if path.suffix != ".safetensors":
+        raise ValueError(f"cannot write {path}: the name of an agent's file ends in .safetensors")
+    check_agent(agent)
     content = save({name: np.ascontiguousarray(tensor) for name, tensor in agent.tensors.items()})
     beside = path.with_suffix(".json")
     document = {**agent.document, "env_config": portable(agent.env_config), "sha256": _hash(content)}
@@ -193,7 +199,7 @@ def _shipped_file(env_id: str, variant: str | None) -> Path:
 def _find(source: str | Path) -> Path:
     """The file of an agent's weights."""
     path = Path(source)
-    if str(source) not in shipped_agents():
+    if isinstance(source, Path) or source not in shipped_agents():
         if path.is_dir():
             return path / "best.safetensors"
         if path.suffix == ".safetensors":

@@ -196,7 +196,7 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
         raise ValueError("no policy: its name is empty")
     path = Path(source)
     if source.endswith(".zip"):
-        model = load_model(path, allow_code=allow_code)
+        model = load_model(path, env_id, allow_code=allow_code)
         return NamedPolicy(path.stem, model, own=True, unknown_actions=True)
     if is_shipped(source):
         refuse_unknown([env_id], shipped_agents(), "environment with an agent of its own")
@@ -206,13 +206,14 @@ def find_policy(source: str, env_id: str, *, allow_code: bool = False) -> NamedP
     if not (source.endswith(".safetensors") or path.is_dir() or os.sep in source or "/" in source):
         others = "policy (or module:name, or the path of a run, a .safetensors or a .zip)"
         refuse_unknown([source], [*expert_names(env_id), *shipped_policies(env_id)], others)
-    return _of_agent(path.resolve().stem, load_agent(source), env_id)
+    place = path.resolve()
+    return _of_agent(place.name if path.is_dir() else place.stem, load_agent(path), env_id)
 
 
 def _of_agent(name: str, agent: Agent, env_id: str) -> NamedPolicy:
     if agent.env_id != env_id:
         raise ValueError(f"{name} was trained on {agent.env_id}, not on {env_id}")
-    return NamedPolicy(name, agent, agent.action_config, agent.env_config, own=not is_shipped(name))
+    return NamedPolicy(name, agent, agent.action_config, agent.env_config, own=not agent.shipped)
 
 
 def _of_module(source: str, env_id: str) -> NamedPolicy:

@@ -19,7 +19,21 @@ from planners.files import json_text
 
 MOST_BYTES = 1 << 28
 """Largest size of a file of results, bytes."""
+MOST_NUMBER = 1e30
+"""Largest size of a number in it."""
 _EPISODE = ("seed", "return", "length", "is_success")  # columns that the episodes of every policy have
+
+
+class _Oversized(ValueError):
+    """A number in a file that no result is."""
+
+
+def _number(text: str) -> float:
+    """A number of JSON; `_Oversized` for one that is not finite, or so large that charts could not hold it."""
+    value = float(text)
+    if not abs(value) <= MOST_NUMBER:
+        raise _Oversized(f"the number {text:.40}")
+    return int(text) if text.lstrip("-").isdigit() else value
 
 
 class _Part(BaseModel):
@@ -70,6 +84,8 @@ class PolicyScores(_Part):
             raise ValueError(
                 f"episodes of {self.policy}: expected columns of one length, {', '.join(_EPISODE)} and more"
             )
+        if not all(type(seed) is float and seed >= 0.0 and seed.is_integer() for seed in self.episodes["seed"]):
+            raise ValueError(f"episodes of {self.policy}: seeds are whole numbers")
         return self
 
     @property
@@ -156,6 +172,9 @@ class TaskScores(_Part):
             raise ValueError(f"the policies of {self.task} have different seeds")
         if len({each.policy for each in self.policies}) < len(self.policies):
             raise ValueError(f"two policies of {self.task} have the same name")
+        for metric in self.columns:
+            if metric.primary and any(metric.key not in each.episodes for each in self.policies):
+                raise ValueError(f"a policy of {self.task} has no {metric.key} of its episodes")
         return self
 
     @property
@@ -239,9 +258,12 @@ class Results(_Part):
             raise ValueError(f"cannot read {path}: it is larger than {MOST_BYTES >> 20} MiB")
         expected = "expected what planarm benchmark --json writes"
         try:
-            content = json.loads(path.read_bytes())
+            content = json.loads(path.read_bytes(), parse_float=_number, parse_int=_number, parse_constant=_number)
+            json.dumps(content, ensure_ascii=False).encode()  # half of a pair of surrogates is no character
         except OSError as error:
             raise ValueError(f"cannot read {path}: {error.strerror}") from None
+        except _Oversized as error:
+            raise ValueError(f"cannot read {path}: it holds {error}, which is no result; {expected}") from None
         except (ValueError, RecursionError):
             raise ValueError(f"cannot read {path}: it is no JSON; {expected}") from None
         if not isinstance(content, dict) or not isinstance(content.get("results"), list):

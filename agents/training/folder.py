@@ -17,11 +17,12 @@ from agents.provenance import machine, versions
 from agents.training.devices import described
 from agents.training.recipe import TrainingConfig
 from planners.documents import read_document
-from planners.files import write_json, write_text
+from planners.files import is_draft, write_bytes, write_json, write_text
 
 RL_DISTRIBUTIONS = ("stable-baselines3", "torch", "safetensors")
 LOCK = "lock"
 _SUFFIXES = (".pt", ".npz", ".csv", ".json", ".yaml", ".safetensors")  # of the files of a run
+COPIED = ".copied"  # at the end of the name of a file that takes the place of a link to it, for a moment
 _FREE = ("device", "threads")  # settings that may change between two resumes
 _ABSENT = "nothing"
 
@@ -38,15 +39,19 @@ def write_origin(folder: Path, config: TrainingConfig, command: str) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder: choose another --out")
+    _require_empty(folder)
     with alone_in(folder):
-        if any(path.name != LOCK for path in folder.iterdir()):
-            raise ValueError(
-                f"{folder} is not empty: choose another --out, or continue the run there: --resume {folder}"
-            )
+        _require_empty(folder)
         settings = config.model_dump(mode="json")
         origin = {"command": command, "seed": config.seed, "versions": versions(RL_DISTRIBUTIONS)}
         write_text(folder / "config.yaml", yaml.safe_dump(settings, sort_keys=False))
         write_json(folder / "run.json", {**origin, "machine": {**machine(), **described(config)}, "config": settings})
+
+
+def _require_empty(folder: Path) -> None:
+    """Raise a ValueError if a folder holds more than what a killed process may have left."""
+    if folder.exists() and any(path.name != LOCK and not is_draft(path) for path in folder.iterdir()):
+        raise ValueError(f"{folder} is not empty: choose another --out, or continue the run there: --resume {folder}")
 
 
 @contextmanager
@@ -70,18 +75,29 @@ def alone_in(folder: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InUse(f"another process is training in {folder}: wait for it, or stop it first") from None
-        for draft in folder.glob(".*.*.*"):
-            if draft.suffix in _SUFFIXES:
-                draft.unlink()
+        for path in folder.iterdir():
+            if is_draft(path) and path.suffix in _SUFFIXES:
+                path.unlink()
+            elif path.is_file() and _leads_out(path):  # what is written to a run stays in it
+                write_bytes(path.with_name(path.name + COPIED), path.read_bytes())
+                os.replace(path.with_name(path.name + COPIED), path)
         yield
+
+
+def _leads_out(path: Path) -> bool:
+    """Whether a link in a run's folder leads to something elsewhere."""
+    return path.is_symlink() and Path(os.path.realpath(path.parent)) not in Path(os.path.realpath(path)).parents
 
 
 def check_files(folder: Path) -> None:
     """Raise a ValueError if something in a run's folder has the name of one of its files and is none.
 
-    That is a folder, a pipe or a device, or a link that leads nowhere.
+    That is a folder, a pipe or a device, or a link that leads nowhere. A link to another folder is refused too: what
+    is written to a run, which may come from anybody, stays in it.
     """
     for path in folder.iterdir():
+        if path.is_dir() and _leads_out(path):
+            raise ValueError(f"{path} is a link to a folder elsewhere: remove it, or move that folder here")
         if (path.suffix in _SUFFIXES or path.name == LOCK) and not path.is_file() and os.path.lexists(path):
             raise ValueError(f"{path} is no file: remove it, or restore the file of the run that had this name")
 

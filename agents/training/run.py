@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -164,8 +164,7 @@ class TrainingRun:
             env.seed(first)
             if not demonstrate(config.demonstrations, env, model.replay_buffer, watcher.report):
                 return False
-        self.state.seconds = stage.elapsed()
-        self._checkpoint(model, best_baseline(scores), watcher)
+        self._checkpoint(model, RunState(0, stage.elapsed()), best_baseline(scores), watcher)
         stage.finish()
         return True
 
@@ -182,15 +181,14 @@ class TrainingRun:
         try:
             with self._refusing_divergence(model):
                 model.learn(goal - self.steps, callback=callback, log_interval=1, reset_num_timesteps=False)
+            if callback.stopped:
+                self._leave(model)
+                return False
+            reached = RunState(model.num_timesteps, self.state.seconds + perf_counter() - before, self.state.rows)
+            self._checkpoint(model, reached, baseline, watcher)
         except KeyboardInterrupt:
             self._leave(model)
             raise
-        if callback.stopped:
-            self._leave(model)
-            return False
-        self.state.steps = model.num_timesteps
-        self.state.seconds += perf_counter() - before
-        self._checkpoint(model, baseline, watcher)
         return True
 
     def _leave(self, model: Segmented) -> None:
@@ -207,7 +205,9 @@ class TrainingRun:
             error = raised
         # Distributions of torch refuse parameters that are not finite or not positive, each with all of its values.
         # Steps beyond float32 are a RuntimeError.
-        if not model.finite() or str(error).startswith("Expected parameter") or "without overflow" in str(error):
+        said = str(error)
+        beyond = said.startswith("Expected parameter") or "without overflow" in said or "log_std of an agent" in said
+        if not model.finite() or beyond:
             raise ValueError(
                 f"training diverged between {self.steps:,} and {model.num_timesteps:,} steps: the networks are not "
                 "finite any more; begin again with a lower learning_rate, smaller gains in fine, or the default of "
@@ -216,18 +216,20 @@ class TrainingRun:
         if error is not None:
             raise error
 
-    def _checkpoint(self, model: Segmented, baseline: Row, watcher: Watcher) -> None:
-        """Evaluate the agent and write everything."""
+    def _checkpoint(self, model: Segmented, state: RunState, baseline: Row, watcher: Watcher) -> None:
+        """Evaluate the agent and write everything; then ``state``, with a row more, is that of the run."""
         watcher.begin("evaluating")
-        state = self.state
         with self._refusing_divergence(model):
             scores = score(make_agent(model, state.seconds), self.config)
-        state.rows.append({"steps": state.steps, "seconds": round(state.seconds, 3), **scores, **baseline})
+        row = {"steps": state.steps, "seconds": round(state.seconds, 3), **scores, **baseline}
+        state = replace(state, rows=[*state.rows, row])
         for name, value in scores.items():
             model.logger.record(f"evaluation/{name}", value)
         model.logger.dump(state.steps)
-        save_checkpoint(self.folder, self.identity, model, state, make_agent(model, state.seconds, scores))
-        watcher.evaluated(state.rows[-1])
+        with self._refusing_divergence(model):
+            save_checkpoint(self.folder, self.identity, model, state, make_agent(model, state.seconds, scores))
+        self.state = state
+        watcher.evaluated(row)
 
 
 class _WatcherCallback(BaseCallback):  # type: ignore[misc]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 import zipfile
 from pathlib import Path
@@ -9,15 +10,16 @@ from typing import Any
 
 import torch
 
-from planners.files import whole_file
+from planners.files import write_bytes
 
 State = dict[str, Any]
 
 
 def write_state(path: Path, run: str, state: State) -> None:
     """Write the state of the run with this identity, in the types that torch loads without running code."""
-    with whole_file(path) as draft:
-        torch.save({**state, "run": run}, draft)
+    content = io.BytesIO()  # torch has errors of its own for a full disk
+    torch.save({**state, "run": run}, content)
+    write_bytes(path, content.getbuffer())
 
 
 def read_state(path: Path, run: str, device: Any = "cpu") -> State:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 from envs.experts.base import Planner
 from envs.task import Task
@@ -26,11 +28,12 @@ def settle_early(task: Task) -> Planner:
         name: TOLERANCE_SHARE * getattr(config, name) for name in ("position_tolerance", "velocity_tolerance")
     }
 
-    def plan(problem: MotionProblem) -> Trajectory:
-        careful = replace(problem, limits=problem.joint_limits.scaled(LIMIT_SHARE))
-        for attempt in (careful, problem):  # the start may need the rest of the limits
-            with suppress(Infeasible):
-                return dpct.plan(attempt, variant="free", **tolerances)
-        return lagrange.plan(problem)
+    return partial(_settle_early, tolerances)
 
-    return plan
+
+def _settle_early(tolerances: Mapping[str, float], problem: MotionProblem) -> Trajectory:
+    careful = replace(problem, limits=problem.joint_limits.scaled(LIMIT_SHARE))
+    for attempt in (careful, problem):  # the start may need the rest of the limits
+        with suppress(Infeasible):
+            return dpct.plan(attempt, variant="free", **tolerances)
+    return lagrange.plan(problem)

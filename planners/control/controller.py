@@ -24,7 +24,7 @@ from planners.control.model import ArmModel
 from planners.typing import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ControlSettings:
     """Feedback gains and limits of a controller.
 
@@ -48,7 +48,7 @@ class ControlSettings:
             object.__setattr__(self, name, values)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PayloadPrior:
     """First estimate of a payload's parameters, kept by a fixed controller, and its bounds, each ``(p,)``."""
 
@@ -65,7 +65,7 @@ class PayloadPrior:
             raise ValueError(f"initial parameters {self.initial} must lie within {self.lower} and {self.upper}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """One sample of the loop, ``(batch, n)`` each: measured state and desired motion (``_d``)."""
 
@@ -102,8 +102,6 @@ class Controller(ABC):
         _refuse_shape("initial", prior.initial, model.n_parameters, "parameters of the payload")
         self.model, self.settings, self.prior, self.rows = model, settings, prior, checked_count("rows", rows)
         self._memory: Array = np.empty((rows, model.n_parameters + model.n_joints))
-        self.parameters: Array = self._memory[:, : model.n_parameters]
-        self._carried: Array = self._memory[:, model.n_parameters :]
         self.reset()
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
@@ -113,6 +111,16 @@ class Controller(ABC):
         chosen = slice(None) if rows is None else rows
         self.parameters[chosen] = self.prior.initial
         self._carried[chosen] = self._carried_at_first
+
+    @property
+    def parameters(self) -> Array:
+        """The estimates, ``(batch, p)``: a view of the memory, which a copied controller has of its own."""
+        return self._memory[:, : self.model.n_parameters]
+
+    @property
+    def _carried(self) -> Array:
+        """What each joint carries to the next sample, ``(batch, n)``, a view of the memory."""
+        return self._memory[:, self.model.n_parameters :]
 
     @property
     def memory(self) -> Array:
@@ -149,7 +157,7 @@ class Controller(ABC):
         """
         sample = self._sample(q, qd, q_d, qd_d, qdd_d)
         limit = self.settings.torque_limit
-        lower, upper = within or (-limit, limit)
+        lower, upper = (-limit, limit) if within is None else within
         if not np.all(np.asarray(lower) <= np.asarray(upper)):
             raise ValueError(f"within {within!r:.200} must be the least torques and then the largest, N m")
         unlimited = self._law(sample)

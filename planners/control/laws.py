@@ -46,7 +46,7 @@ class IntegralComputedTorque(ComputedTorque):
         return sample.qdd_d + bandwidth * feedback
 
     def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
-        self._carried += self.settings.period * sample.error * free
+        self._carried[:] += self.settings.period * sample.error * free
 
 
 class AdaptiveController(Controller):
@@ -122,7 +122,7 @@ class IntegralSlotineLi(SlotineLi):
 
     def _update(self, sample: Sample, free: NDArray[np.bool_]) -> None:
         super()._update(sample, free)
-        self._carried += self.settings.period * sample.error * free
+        self._carried[:] += self.settings.period * sample.error * free
 
     def _reference(self, sample: Sample) -> tuple[Array, Array]:
         bandwidth = self.settings.bandwidth

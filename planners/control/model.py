@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from planners.checks import float_rows
 from planners.robot.arm import Arm
 from planners.typing import Array
 
@@ -56,15 +57,22 @@ class PlanarArmModel:
 
     def torque(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array, parameters: Array) -> Array:
         """``M(q) qdd_r + C(q, qd) qd_r + g(q)``, N m, ``dM/dt - 2 C`` being skew; all ``(batch, n)``."""
-        motion = np.cumsum([q, qd, qd_r, qdd_r], axis=2)
+        motion = self._motion(q, qd, qd_r, qdd_r)
+        (parameters,) = float_rows(1, len(q), parameters=parameters)
         return _torque(*self._arm, motion) + parameters * _torque(*self._unit_mass, motion)
 
     def regressor(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
         """Torques for a mass of 1 kg alone, N m/kg, ``(batch, n, 1)``."""
-        return _torque(*self._unit_mass, np.cumsum([q, qd, qd_r, qdd_r], axis=2))[..., None]
+        return _torque(*self._unit_mass, self._motion(q, qd, qd_r, qdd_r))[..., None]
+
+    def _motion(self, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> Array:
+        """Absolute angles and their rates, ``(4, batch, n)``."""
+        motion: Array = np.cumsum(float_rows(self.n_joints, q=q, qd=qd, qd_r=qd_r, qdd_r=qdd_r), axis=2)
+        return motion
 
     def mass_matrix(self, q: Array, parameters: Array) -> Array:
         """``M``, ``(batch, n, n)``, kg m^2."""
+        (q,), (parameters,) = float_rows(self.n_joints, q=q), float_rows(1, len(q), parameters=parameters)
         coupling = self._arm[0] + parameters[:, :, None] * self._unit_mass[0]
         phi = np.cumsum(q, axis=1)
         absolute = coupling * np.cos(phi[:, :, None] - phi[:, None, :])

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.checks import float_rows, require_finite, require_mask, require_shape
+from planners.checks import float_rows, floats, require_finite, require_mask, require_shape
 from planners.compiled.calls import private
 from planners.control.filtering import correct_by, move_covariance
 from planners.control.observer_settings import ObserverSettings
@@ -46,7 +46,7 @@ _SURE = 5.0
 """Standard deviations of the noise up to which a first measured velocity counts as rest."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What is estimated for the time at which the next command arrives.
 
@@ -73,9 +73,9 @@ class Estimate:
         """
         require_finite("period", period, "s", "positive")
         require_shape("qdd", qdd, self.q.shape)
-        qdd = np.asarray(qdd, dtype=float)
+        qdd = floats("qdd", qdd)
         tau = np.empty_like(qdd)
-        held_torque_rows(self.coupling, self.weight, self.q, self.qd, qdd, period, tau)
+        held_torque_rows(self.coupling, self.weight, self.q, self.qd, qdd, float(period), tau)
         middle = self.qd + 0.5 * period * qdd
         return tau + self.friction[:, :1] * middle + self.friction[:, 1:] * np.clip(middle / CREEP, -1.0, 1.0)
 
@@ -132,7 +132,7 @@ class ArmObserver:
         """
         q, qd = float_rows(self.n_joints, q=q, qd=qd)
         rows, n = q.shape
-        require_shape("memory", memory, (rows, self.width))
+        self._require_memory(memory, rows)
         require_mask("starts", starts, rows)
         out, coupling, weight = np.empty((3, rows, n)), np.empty((rows, n, n)), np.empty((rows, n))
         chain = self._coupling, self._weight
@@ -140,11 +140,16 @@ class ArmObserver:
         friction, late = memory[:, 3 * n + 1 : 3 * n + 3].copy(), memory[:, 3 * n + 3] * self._times[1]
         return Estimate(out[0], out[1], out[2], coupling, weight, friction, late)
 
+    def _require_memory(self, memory: Array, rows: int) -> None:
+        require_shape("memory", memory, (rows, self.width))
+        if type(memory) is not np.ndarray or memory.dtype != np.float64 or not (memory.flags.carray):
+            raise ValueError("memory must be an array of floats that can be written to, row by row, as np.zeros makes")
+
     def send(self, memory: Array, tau: Array) -> None:
         """Note in ``memory`` the torques ``(batch, n)`` of a new command, N m."""
         n, first = self.n_joints, self._size * (self._size + 1)
         require_shape("tau", tau, (len(memory), n))
-        require_shape("memory", memory, (len(memory), self.width))
+        self._require_memory(memory, len(memory))
         memory[:, first + n :] = memory[:, first:-n].copy()
         memory[:, first : first + n] = tau
 

@@ -19,7 +19,7 @@ PRIOR = 1e-9
 """Information of the prior, 1/kg^2: negligible beside any motion, it keeps the expected payload at rest."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LeastSquaresSums:
     """Sums over the samples of each row so far.
 

@@ -69,7 +69,7 @@ def held_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Arr
     require_finite("period", period, "s", "positive")
     q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
     tau = np.empty_like(q)
-    _held_torque(*arm.chain_constants, q, qd, qdd, period, tau)
+    _held_torque(*arm.chain_constants, q, qd, qdd, float(period), tau)
     return tau
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planners.checks import checked_count, require_finite
 from planners.dpct.constraints import Tracking
 from planners.dpct.interior_point import Solution, solve
 from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, tracking_problem
@@ -49,11 +50,10 @@ def settling_bound(
         ValueError: if a tolerance is out of range, or the problem has no moving target.
         Infeasible: if the hand is not on the target's line.
     """
-    if not (position_tolerance > 0.0 and velocity_tolerance > 0.0 and limit_tolerance >= 0.0):
-        raise ValueError(
-            f"tolerances {position_tolerance} m and {velocity_tolerance} m/s must be positive, that of the limits, "
-            f"{limit_tolerance}, not negative"
-        )
+    for name, value in (("position_tolerance", position_tolerance), ("velocity_tolerance", velocity_tolerance)):
+        require_finite(name, value, sign="positive")
+    require_finite("limit_tolerance", limit_tolerance, sign="not negative")
+    checked_count("stages", stages)
     if not isinstance(problem.target, MovingHand):
         raise ValueError(f"only a moving target is settled on; got {type(problem.target).__name__}")
     limits = problem.joint_limits.scaled(1.0 + limit_tolerance)

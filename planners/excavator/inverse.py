@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from planners.checks import float_vector
 from planners.compiled.calls import private
 from planners.excavator.kinematics import vectors
 from planners.excavator.machine import EXCAVATOR, JOINT_NAMES, N_JOINTS, Excavator
@@ -71,7 +72,7 @@ _SINGULAR = 5e-13  # rad, error of the tool's axis up to which a singular postur
 _TOOL_TOLERANCE = 1e-6  # rad, of the sixth angle of a full pose
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Branches:
     """The postures that reach a target, in the order of `BRANCH_NAMES`.
 
@@ -154,9 +155,7 @@ def inverse_kinematics(
     if full_pose and tool_x is None:
         raise ValueError("full_pose needs the whole orientation of the tool: give tool_x beside the axis")
     mode = _AXIS_ONLY if tool_x is None else _DEMAND_TOOL if full_pose else _REPORT_TOOL
-    scale = np.ones(N_JOINTS) if weights is None else np.asarray(weights, dtype=float)
-    if scale.shape != (N_JOINTS,) or not (np.isfinite(scale) & (scale >= 0.0)).all():
-        raise ValueError(f"weights are {scale}; give {N_JOINTS} finite numbers that are not negative")
+    scale = float_vector("weights", [1.0] * N_JOINTS if weights is None else weights, N_JOINTS, "not negative")
     tips = _finite("tip", tip, 3)
     directions = _directions("axis", axis)
     sideways = directions if tool_x is None else _directions("tool_x", tool_x)
@@ -185,10 +184,11 @@ def _finite(name: str, given: ArrayLike, size: int) -> Array:
 
 def _directions(name: str, given: ArrayLike) -> Array:
     values = _finite(name, given, 3)
-    length = np.linalg.norm(values, axis=-1, keepdims=True)
-    if not (length > 0.0).all():
+    largest = np.abs(values).max(axis=-1, keepdims=True)
+    if not (largest > 0.0).all():
         raise ValueError(f"{name} has length 0; give a direction")
-    units: Array = values / length
+    values = np.ldexp(values, -np.frexp(largest)[1])  # squares of huge and of tiny numbers are no numbers
+    units: Array = values / np.linalg.norm(values, axis=-1, keepdims=True)
     return units
 
 

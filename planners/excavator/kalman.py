@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.checks import require_shape
+from planners.checks import require_mask, require_shape
 from planners.compiled.calls import private, require_compiled
 from planners.excavator.controllers import FARTHEST, HEAVIEST
 from planners.excavator.filter_model import (
@@ -127,6 +127,8 @@ class KalmanComputedTorque:
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         """Forget all samples, in the rows of a mask ``(rows,)`` or in all of them."""
+        if rows is not None:
+            require_mask("rows", rows, len(self._memory))
         self._memory[slice(None) if rows is None else rows] = np.nan
 
     @property

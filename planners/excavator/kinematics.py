@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from planners.checks import floats
 from planners.excavator.machine import EXCAVATOR, N_JOINTS, Excavator
 from planners.typing import Array
 
@@ -77,7 +78,7 @@ def jacobian_determinant(q: ArrayLike, machine: Excavator = EXCAVATOR) -> Array:
 
 def vectors(name: str, given: ArrayLike, size: int) -> Array:
     """``given`` as an array ``(..., size)``; ValueError if it has another shape."""
-    values = np.asarray(given, dtype=float)
+    values = floats(name, given)
     if values.ndim == 0 or values.shape[-1] != size:
         raise ValueError(f"{name} has shape {values.shape}; give (..., {size})")
     return values

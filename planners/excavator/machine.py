@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 
 import numpy as np
 
-from planners.checks import require_finite, require_vector
+from planners.checks import brief, float_vector, require_finite
 from planners.robot.arm import JointLimits
 from planners.typing import Array
 
@@ -49,18 +48,18 @@ class ChainGeometry:
 
     def __post_init__(self) -> None:
         for spec in fields(self):
-            value = float(getattr(self, spec.name))
-            object.__setattr__(self, spec.name, value)
+            value = getattr(self, spec.name)
             require_finite(spec.name, value, sign="positive" if spec.name in ("a2", "a3", "d6") else "")
+            object.__setattr__(self, spec.name, float(value))
 
-    @cached_property
+    @property
     def table(self) -> tuple[Array, Array, Array]:
         """``a`` (m), ``d`` (m) and ``alpha`` (rad) of the six frames, each ``(6,)``."""
         a = np.array([0.0, self.a2, self.a3, 0.0, 0.0, 0.0])
         d = np.array([self.d1, 0.0, 0.0, self.d4, self.d5, self.d6])
         return a, d, np.radians([90.0, 0.0, 0.0, 90.0, -90.0, 0.0])
 
-    @cached_property
+    @property
     def kernel_array(self) -> Array:
         """``(d1, a2, a3, d4, d5, d6, theta6)``, for the compiled functions, ``(7,)``."""
         return np.array([self.d1, self.a2, self.a3, self.d4, self.d5, self.d6, self.theta6])
@@ -87,8 +86,8 @@ class Link:
         for name in ("mass", "actuator_inertia", "friction"):
             require_finite(f"{name} of a link", getattr(self, name), sign="not negative")
         for name in ("com", "inertia"):
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
-            require_vector(f"{name} of a link", getattr(self, name), 3)
+            values = float_vector(f"{name} of a link", getattr(self, name), 3)
+            object.__setattr__(self, name, tuple(values.tolist()))
         if min(self.inertia) < 0.0 or 2.0 * max(self.inertia) > sum(self.inertia) * (1.0 + 1e-12):
             raise ValueError(f"no rigid body has moments {self.inertia} kg m^2: each is at most the sum of the others")
 
@@ -102,13 +101,13 @@ class PayloadShape:
     rated_load: float = 3500.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "com", tuple(float(value) for value in self.com))
-        require_vector("com of a payload", self.com, 3)
+        object.__setattr__(self, "com", tuple(float_vector("com of a payload", self.com, 3).tolist()))
         require_finite("density", self.density, "kg/m^3", "positive")
         require_finite("rated_load", self.rated_load, "kg", "positive")
 
     def mass(self, percent: float) -> float:
         """Mass of a payload of ``percent`` of the rated load, kg."""
+        require_finite("percent", percent, "%", "not negative")
         return self.rated_load * percent / 100.0
 
     def gyration_square(self, mass: float) -> float:
@@ -134,12 +133,20 @@ class Excavator:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "links", tuple(self.links))
+        for what, value, kind in (
+            ("geometry", self.geometry, ChainGeometry),
+            ("payload", self.payload, PayloadShape),
+            ("limits", self.limits, JointLimits),
+            *(("link", link, Link) for link in self.links),
+        ):
+            if not isinstance(value, kind):
+                raise ValueError(f"{self.name}: {what} {brief(value)} is no {kind.__name__}")
         if len(self.links) != N_JOINTS:
             raise ValueError(f"{self.name}: {len(self.links)} links; the chain has {N_JOINTS}")
         object.__setattr__(self, "limits", self.limits.for_joints(N_JOINTS, self.name))
         require_finite(f"{self.name}: gravity", self.gravity)
 
-    @cached_property
+    @property
     def drives(self) -> Array:
         """Inertia (kg m^2) and viscous friction (N m s/rad) of each joint's drive, ``(5, 2)``."""
         return np.array([(link.actuator_inertia, link.friction) for link in self.links])

@@ -9,7 +9,16 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import Sign, brief, float_array, is_number, require_all_finite, require_finite, require_vector
+from planners.checks import (
+    Sign,
+    brief,
+    float_array,
+    floats,
+    is_number,
+    require_all_finite,
+    require_finite,
+    require_vector,
+)
 from planners.robot import clearance, dynamics, kinematics, redundant
 from planners.robot.limits import EveryJoint
 from planners.robot.limits import JointLimits as JointLimits
@@ -17,6 +26,9 @@ from planners.typing import Array
 
 MOST = 1e9
 """Largest length (m), mass (kg), moment of inertia (kg m^2) or gravity of an arm: products of them stay finite."""
+
+FARTHEST = 1e6
+"""Largest size of an angle where a search starts, rad: whole turns of larger ones are lost to rounding."""
 
 LONGEST_NAME = 200
 """Largest number of characters of an arm's name, which stands in messages."""
@@ -106,19 +118,24 @@ class Arm:
         """Distance of the hand from the base when stretched, m."""
         return float(sum(self.lengths))
 
-    @cached_property
+    @property
     def length_array(self) -> Array:
-        """Link lengths as an array, ``(n,)``, m."""
+        """Link lengths as a new array, ``(n,)``, m."""
         return np.array(self.lengths)
 
-    @cached_property
+    @property
     def base_array(self) -> Array:
-        """Position of the first joint as an array, ``(2,)``, m."""
+        """Position of the first joint as a new array, ``(2,)``, m."""
         return np.array(self.base, dtype=float)
 
-    @cached_property
+    @property
     def chain_constants(self) -> tuple[Array, Array]:
         """Coupling matrix ``(n, n)``, kg m^2, and weight ``(n,)``, N m: see :mod:`planners.robot.dynamics`."""
+        coupling, weight = self._chain_constants
+        return coupling.copy(), weight.copy()
+
+    @cached_property
+    def _chain_constants(self) -> tuple[Array, Array]:
         coupling, static_moments = dynamics.chain_constants(
             self.length_array, np.array(self.masses), np.array(self.coms), np.array(self.inertias)
         )
@@ -176,7 +193,7 @@ class Arm:
                 more also if no posture within the joint ranges is found.
             ValueError: if a shape does not fit, or the orientation is missing or superfluous.
         """
-        target = np.asarray(hand, dtype=float)
+        target = floats("hand position", hand)
         if target.ndim not in (1, 2) or target.shape[-1] != 2:
             raise ValueError(f"hand position has shape {target.shape}; give (2,) or (batch, 2)")
         n, rows = self.n_joints, np.atleast_2d(target)
@@ -184,12 +201,13 @@ class Arm:
             raise ValueError(f"{n} link{'s'[: n - 1]} cannot choose the orientation of the hand; leave it out")
         if n == 3 and orientation is None:
             raise ValueError("three links reach a position in infinitely many ways; give the hand's orientation")
-        angles = None if orientation is None else np.asarray(orientation, dtype=float)
+        angles = None if orientation is None else floats("orientation", orientation)
         if angles is not None and angles.shape not in ((), target.shape[:-1]):
             raise ValueError(f"orientation has shape {angles.shape}; give one number, or one per hand position")
         angles = None if angles is None else np.broadcast_to(angles, len(rows))
+        start = self._search_start(near)
         if n > 3:
-            q = self._redundant_postures(rows, angles, near)
+            q = redundant.postures_of_rows(self.length_array, self.base_array, rows, angles, self.limits, start)
         elif angles is not None:
             q = kinematics.three_link_inverse(self.length_array, self.base_array, rows, angles)
         else:
@@ -197,19 +215,13 @@ class Arm:
             q = inverse(self.length_array, self.base_array, rows)
         return q[0] if target.ndim == 1 else q
 
-    def _redundant_postures(self, rows: Array, angles: Array | None, near: ArrayLike | None) -> Array:
-        """Postures of four links and more, ``(batch, k, n)``, rad, for hand positions ``(batch, 2)``, m."""
-        start = np.asarray(self.limits.angle_middle if near is None else near, dtype=float)
-        if start.shape != (self.n_joints,) or not np.isfinite(start).all():
-            raise ValueError(f"near {start} has shape {start.shape}; {self.name} wants ({self.n_joints},), finite")
-        orientations = [None] * len(rows) if angles is None else angles.tolist()
-        found = [
-            redundant.postures(self.length_array, self.base_array, row, orientation, self.limits, start)
-            for row, orientation in zip(rows, orientations, strict=True)
-        ]
-        most = max((len(postures) for postures in found), default=0)
-        repeated = [postures[np.minimum(np.arange(most), len(postures) - 1)] for postures in found]
-        return np.array(repeated).reshape(len(rows), most, self.n_joints)
+    def _search_start(self, near: ArrayLike | None) -> Array:
+        """The posture where a search starts, ``(n,)``, rad."""
+        start = floats("near", self.limits.angle_middle if near is None else near)
+        if start.shape != (self.n_joints,):
+            raise ValueError(f"near {start} has shape {start.shape}; {self.name} wants ({self.n_joints},)")
+        require_all_finite("near", start, most=FARTHEST)
+        return start
 
     def clearance(self, q: ArrayLike, position: ArrayLike, radius: float) -> Array:
         """Distance between the surfaces of the arm and of a disc, m; negative by how deep they overlap.
@@ -217,10 +229,16 @@ class Arm:
         A number, or ``(batch,)`` for ``q`` of ``(batch, n)``. The centre of the disc is ``(2,)`` or ``(batch, 2)``, m.
         NaN where an angle or the centre is not finite.
         """
-        center = np.asarray(position, dtype=float)
+        center = floats("centre of the disc", position)
         require_finite("disc radius", radius, "m", "not negative")
         if center.ndim not in (1, 2) or center.shape[-1] != 2:
             raise ValueError(f"the centre of the disc has shape {center.shape}; give (2,) or (batch, 2)")
+        batch = np.shape(q)[:-1]
+        if center.ndim == 2 and center.shape[:-1] != batch:
+            raise ValueError(
+                f"{len(center)} centres of the disc for postures of {batch or 'a single row'}; give one each"
+            )
+        radius = float(radius)
 
         def gaps(rows: Array) -> Array:
             centers = np.ascontiguousarray(np.broadcast_to(center, (len(rows), 2)))
@@ -236,7 +254,7 @@ class Arm:
 
     def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Coriolis, centrifugal and gravity torques, ``(n,)`` or ``(batch, n)``, N m."""
-        return self.inverse_dynamics(q, qd, np.zeros_like(np.asarray(q, dtype=float)))
+        return self.inverse_dynamics(q, qd, np.zeros_like(floats("q", q)))
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Joint torques ``M(q) qdd + h(q, qd)``, N m, for arguments all of ``(n,)`` or all of ``(batch, n)``."""
@@ -252,7 +270,7 @@ class Arm:
 
     def _over_rows(self, function: Callable[..., Array], *arrays: ArrayLike) -> Array:
         """A function of contiguous ``(batch, n)`` arrays, for arguments all ``(n,)`` or all ``(batch, n)``."""
-        given = [np.asarray(array, dtype=float) for array in arrays]
+        given = [floats("joint values", array) for array in arrays]
         shape = given[0].shape
         if len(shape) not in (1, 2) or any(array.shape != shape for array in given) or shape[-1] != self.n_joints:
             shapes = ", ".join(str(array.shape) for array in given)

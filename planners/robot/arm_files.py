@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planners.checks import brief, refuse_unknown
 from planners.documents import read_document
 from planners.robot.arm import Arm
@@ -143,6 +145,8 @@ def _limits(document: Any) -> JointLimits:
 
 def _numbers(value: Any, unit: float = 1.0, *, limits: bool = False) -> Any:
     """Numbers of a document in SI units: YAML reads 1e-3 as a text; a limit of null is none. Others as they are."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
     if isinstance(value, list | tuple):
         return [_numbers(item, unit, limits=limits) for item in value]
     if value is None:

@@ -24,6 +24,11 @@ class UnreachableTarget(ValueError):
         super().__init__(message)
         self.rows = rows
 
+    @classmethod
+    def of_rows(cls, first: str, rows: tuple[int, ...]) -> UnreachableTarget:
+        """With the message of the first target, and how many more there are."""
+        return cls(first + (f" (and {len(rows) - 1} more targets)" if len(rows) > 1 else ""), rows)
+
     def __reduce__(self) -> tuple[object, ...]:
         return UnreachableTarget, (str(self), self.rows)
 
@@ -86,7 +91,7 @@ def two_link_branch(l1: float, l2: float, dx: float, dy: float, elbow: float) ->
     """
     square, outer, inner = dx * dx + dy * dy, l1 + l2, l1 - l2
     from_outer_rim, from_inner_rim = outer * outer - square, square - inner * inner
-    if not min(from_outer_rim, from_inner_rim) >= -2e-12 * l1 * l2:  # room for rounding on the rim
+    if not min(from_outer_rim, from_inner_rim) >= -(2e-12 * l1 * l2 + 1e-15 * outer * outer):  # rounding on the rim
         return np.nan, np.nan
     q2 = np.copysign(2.0 * np.arctan2(np.sqrt(max(from_outer_rim, 0.0)), np.sqrt(max(from_inner_rim, 0.0))), elbow)
     q1 = np.arctan2(dy, dx) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
@@ -98,10 +103,17 @@ def _two_link_branches(lengths: Array, base: Array, hand: Array) -> Array:
     q = np.empty((hand.shape[0], 2, 2))
     for row in range(hand.shape[0]):
         dx, dy = hand[row, 0] - base[0], hand[row, 1] - base[1]
+        distance, rounding = np.hypot(dx, dy), ROUNDING * (np.abs(hand[row]).sum() + np.abs(base).sum())
+        beyond = distance - min(lengths[0] + lengths[1], max(abs(lengths[0] - lengths[1]), distance))
+        if 0.0 < abs(beyond) <= rounding and distance > rounding:
+            dx, dy = dx - dx * beyond / distance, dy - dy * beyond / distance
         for branch in range(2):
             q[row, branch, 0], q[row, branch, 1] = two_link_branch(lengths[0], lengths[1], dx, dy, 1.0 - 2.0 * branch)
     return q
 
+
+ROUNDING = 4.0 * float(np.finfo(float).eps)
+"""Rounding of the difference of two positions, as a share of their sizes."""
 
 ON_CIRCLE = 1e-9
 """Distance from the circle of a single link's hand up to which a position counts as on it, as a share of its length."""
@@ -135,7 +147,7 @@ def two_link_inverse(lengths: Array, base: Array, hand: Array) -> Array:
 def require_reach(lengths: Array, base: Array, hand: Array) -> None:
     """Raise UnreachableTarget if a hand position, ``(batch, 2)``, m, is out of reach whatever the joint ranges."""
     distance, (nearest, farthest) = np.hypot(*(hand - base).T), reach(lengths)
-    rounding = 1e-12 * farthest
+    rounding = 1e-12 * farthest + ROUNDING * (np.abs(hand).sum(axis=1) + np.abs(base).sum())
     _require_reach(lengths, base, hand, (distance >= nearest - rounding) & (distance <= farthest + rounding))
 
 
@@ -154,11 +166,8 @@ def _require_reach(lengths: Array, base: Array, hand: Array, reached: NDArray[np
     distance, (nearest, farthest) = np.hypot(*(hand[rows[0]] - base)), reach(lengths)
     *first, last = (f"{length:.4g} m" for length in lengths)
     links = f"links of {', '.join(first)} and {last} reach from {nearest:.4g} m to" if first else "one link reaches"
-    raise UnreachableTarget(
-        f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; {links} {farthest:.4g} m"
-        + (f" (and {len(rows) - 1} more targets)" if len(rows) > 1 else ""),
-        rows,
-    )
+    message = f"position ({x:.4g}, {y:.4g}) m is {distance:.4g} m from the base; {links} {farthest:.4g} m"
+    raise UnreachableTarget.of_rows(message, rows)
 
 
 def three_link_inverse(lengths: Array, base: Array, hand: Array, orientation: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -11,7 +11,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.checks import LARGEST, brief, is_number, refuse_unknown, require_all_finite, require_finite
+from planners.checks import (
+    LARGEST,
+    brief,
+    checked_count,
+    floats,
+    is_number,
+    refuse_unknown,
+    require_all_finite,
+    require_finite,
+)
 from planners.typing import Array
 
 LimitKind = Literal["torque", "velocity", "acceleration", "jerk", "angle"]
@@ -83,7 +92,8 @@ class JointLimits:
 
     @classmethod
     def unlimited(cls, n_joints: int) -> JointLimits:
-        """No limit on any of ``n_joints`` joints."""
+        """No limit on any of ``n_joints`` joints; ValueError for fewer than one."""
+        checked_count("n_joints", n_joints)
         return cls(torque=(math.inf,) * n_joints)
 
     def for_joints(self, n_joints: int, owner: str = "the arm") -> JointLimits:
@@ -92,6 +102,7 @@ class JointLimits:
         Raises:
             ValueError: if limits of another number of joints are given.
         """
+        checked_count("n_joints", n_joints)
         kinds = [getattr(self, kind) for kind in LIMIT_KINDS]
         if isinstance(self.torque, EveryJoint):
             return JointLimits(*(n_joints * tuple(values) for values in kinds))
@@ -145,7 +156,9 @@ class JointLimits:
 
     def within(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether all joint angles are within their ranges, ``(...)`` for ``q`` of ``(..., n)``, rad; NaN is not."""
-        angles: Array = np.asarray(q, dtype=float)
+        angles: Array = floats("q", q)
+        if angles.shape[-1:] != self.angle_lower.shape:
+            raise ValueError(f"q has shape {angles.shape}; give (..., {len(self.angle_lower)})")
         return np.asarray(((angles >= self.angle_lower) & (angles <= self.angle_upper)).all(axis=-1))
 
     @property
@@ -168,10 +181,14 @@ def _frozen(values: Iterable[float]) -> Array:
     return array
 
 
+_NO_SEQUENCES = (str, bytes, bytearray, Mapping, Set, np.ma.MaskedArray)
+"""What can be iterated over and yet is no sequence of limits."""
+
+
 def _limits(kind: LimitKind, given: Any) -> tuple[Any, ...]:
     """The limits of a kind as floats (angles also as pairs of floats), checked."""
     every = is_number(given) or isinstance(given, EveryJoint)
-    if not every and (isinstance(given, str | bytes) or not isinstance(given, Iterable)):
+    if not every and (isinstance(given, _NO_SEQUENCES) or not isinstance(given, Iterable)):
         raise ValueError(f"{kind} limits {brief(given)} are no numbers; {_how(kind)}")
     items = (given,) if is_number(given) else tuple(given)
     values = tuple(_limit(kind, item, items) for item in items)
@@ -187,7 +204,7 @@ def _limit(kind: LimitKind, item: Any, items: tuple[Any, ...]) -> Range:
         if LARGEST < float(item) < math.inf:
             raise ValueError(f"{kind} limits {shown} must be at most {LARGEST:g} {UNITS[kind]}; use inf for no limit")
         return float(item)
-    if kind != "angle" or isinstance(item, str) or item is np.ma.masked or not isinstance(item, Iterable):
+    if kind != "angle" or isinstance(item, _NO_SEQUENCES) or not isinstance(item, Iterable):
         raise ValueError(f"{kind} limits {shown}: {brief(item)} is no number; {_how(kind)}")
     pair = tuple(item)
     if len(pair) != 2 or not all(map(is_number, pair)):

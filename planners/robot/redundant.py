@@ -71,6 +71,30 @@ def postures(
     )
 
 
+def postures_of_rows(
+    lengths: Array, base: Array, hands: Array, orientations: Array | None, limits: JointLimits, near: Array
+) -> Array:
+    """`postures` of each hand position ``(batch, 2)``, with ``orientations`` ``(batch,)``: ``(batch, k, n)``, rad.
+
+    Rows with fewer postures than others repeat their last one.
+
+    Raises:
+        UnreachableTarget: for all positions without a posture.
+    """
+    found, failures = [], {}
+    for row, hand in enumerate(hands):
+        along = None if orientations is None else float(orientations[row])
+        try:
+            found.append(postures(lengths, base, hand, along, limits, near))
+        except kinematics.UnreachableTarget as failure:
+            failures[row] = str(failure)
+    if failures:
+        raise kinematics.UnreachableTarget.of_rows(next(iter(failures.values())), tuple(failures))
+    most = max((len(each) for each in found), default=0)
+    repeated = [each[np.minimum(np.arange(most), len(each) - 1)] for each in found]
+    return np.array(repeated).reshape(len(hands), most, len(lengths))
+
+
 def _solve(
     lengths: Array, base: Array, hand: Array, orientation: float | None, lower: Array, upper: Array, q: Array
 ) -> Array:

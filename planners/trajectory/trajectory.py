@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import float_array, require_shape
+from planners.checks import brief, float_array, floats, is_number, require_shape
 from planners.problem import ByValue, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import insert_turning_points, interpolate
@@ -67,10 +67,20 @@ class Trajectory(ByValue):
     rides_until: float = math.inf
 
     def __post_init__(self) -> None:
+        for name in ("t", "q", "qd", "qdd", "tau"):
+            object.__setattr__(self, name, floats(name, getattr(self, name)))
         shape = len(self.t), self.problem.arm.n_joints
         require_shape("t", self.t, shape[:1])
         for name in ("q", "qd", "qdd", "tau"):
             require_shape(name, getattr(self, name), shape)
+        if len(self.t) < 2 or not (self.t[0] == 0.0 and (np.diff(self.t) >= 0.0).all()):
+            raise NoMotion("the times of the samples must begin at 0 and never fall; two are the fewest")
+        for name in ("cost", "rendezvous_time", "rides_until"):
+            if not is_number(value := getattr(self, name)):
+                raise ValueError(f"{name} {brief(value)} must be a number")
+            object.__setattr__(self, name, float(value))
+        if not isinstance(self.planner, str):
+            raise ValueError(f"planner {brief(self.planner)} must be a name")
 
     @property
     def duration(self) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
 import agents
@@ -155,19 +156,24 @@ def test_an_agent_of_no_environment_of_the_leaderboard_is_no_submission(tmp_path
         ["evaluate", "apf", "--env", BELT, "--settings", "arm=FILE", "--json", "FILE"],
         ["plan", "--arm", "FILE", "--start", "0", "1", "--to-joints", "1", "1", "--csv", "FILE"],
         ["evaluate", "AGENT.safetensors", "--env", BELT, "--json", "AGENT.json"],
+        ["evaluate", "RUN", "--env", BELT, "--json", "RUN/best.json"],
+        ["evaluate", "mine:policy", "--env", BELT, "--json", "mine.py"],
+        ["submit", "check", "RUN", "--json", "RUN/agent.json"],
     ],
 )
 def test_no_file_that_a_command_reads_is_replaced(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    agents.save_agent(agents.load_agent(BELT), tmp_path / "mine.safetensors")
-    (tmp_path / "file.yaml").write_text("lengths_m: [1, 1]\n")
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    named = {"FILE": str(tmp_path / "file.yaml"), "AGENT": str(tmp_path / "mine")}
-    words = [word.replace("FILE", named["FILE"]).replace("AGENT", named["AGENT"]) for word in command]
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine", "run/best", "run/agent"):
+        agents.save_agent(agents.load_agent(BELT), tmp_path / f"{name}.safetensors")
+    Path("file.yaml").write_text("lengths_m: [1, 1]\n")
+    Path("mine.py").write_text("policy = None\n")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    words = [word.replace("FILE", "file.yaml").replace("AGENT", "mine").replace("RUN", "run") for word in command]
     assert main(words) == 2
     assert "which the command reads: give it a name of its own" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
 @pytest.mark.parametrize(
@@ -200,6 +206,13 @@ def test_the_first_task_of_the_quick_part_is_one_of_the_benchmark(tmp_path: Path
     )
     with pytest.raises(ValueError, match='"ConveyorTrak-v0"; did you mean "ConveyorTrack-v0"'):
         configure(str(config), {})
+
+
+def test_an_agent_that_is_shipped_is_scored_alike_by_name_and_in_memory() -> None:
+    env_id = "ObstacleDodge-v0"
+    named = agents.evaluate("agent:uncertain", env_id, range(4))
+    loaded = agents.evaluate(agents.load_agent(env_id, "uncertain"), env_id, range(4))
+    np.testing.assert_array_equal(named.returns, loaded.returns)
 
 
 def test_a_policy_is_given_once_everywhere() -> None:

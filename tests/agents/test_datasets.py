@@ -307,12 +307,21 @@ def test_a_replacement_that_was_killed_halfway_is_ended_by_the_next_run(
     assert not list(root.glob(f"{store._DRAFT}*"))
 
 
-@pytest.mark.parametrize(("number", "message"), [(np.nan, "actions that are not finite"), (50.0, "actions outside of")])
-def test_numbers_that_no_policy_gave_are_refused_before_a_run_begins(root: Path, number: float, message: str) -> None:
+@pytest.mark.parametrize(
+    ("what", "number", "message"),
+    [
+        ("actions", np.nan, "actions that are not finite"),
+        ("actions", 50.0, "actions outside of"),
+        ("rewards", np.nan, "rewards that are not finite"),
+    ],
+)
+def test_numbers_that_no_policy_gave_are_refused_before_a_run_begins(
+    root: Path, what: str, number: float, message: str
+) -> None:
     record_dataset("bad-v0", BELT, ["random"], 2)
     (file,) = (root / "bad-v0").rglob("*.hdf5")
     with import_module("h5py").File(file, "r+") as content:
-        content["episode_1"]["actions"][3, 0] = number
+        content["episode_1"][what][3] = number
     with pytest.raises(ValueError, match=f"episode 1 of dataset bad-v0 has {message}"):
         check_dataset("bad-v0", BELT, {})
 

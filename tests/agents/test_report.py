@@ -168,6 +168,9 @@ def test_files_stand_side_by_side(scored: dict[str, Any]) -> None:
         (b'{"results": []}', "results: List should have at least 1 item"),
         (b'{"results": [{"task": "a", "env": "b", "policies": [{"policy": "x"}]}]}', r"summary: Field required"),
         (b'{"results": [7]}', r"results.0"),
+        (b'{"results": [1e400]}', "it holds the number 1e400, which is no result"),
+        (b'{"results": [NaN]}', "it holds the number NaN"),
+        (b'{"results": ["\\ud800"]}', "it is no JSON"),
     ],
 )
 def test_damaged_files_are_refused_in_a_sentence(tmp_path: Path, content: bytes, complaint: str) -> None:
@@ -176,6 +179,17 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path: Path, content: bytes,
     with pytest.raises(ValueError, match=complaint):
         run(ReportOptions(results=(path,), out=tmp_path / "report.html"))
     assert not (tmp_path / "report.html").exists()
+
+
+def test_results_without_their_metric_or_with_other_seeds_are_refused(scored: dict[str, Any], tmp_path: Path) -> None:
+    task, path = scored["results"][0], tmp_path / "results.json"
+    policy = task["policies"][0]
+    without = {name: values for name, values in policy["episodes"].items() if name != "settling_time"}
+    broken = {**policy["episodes"], "seed": [0.5, *policy["episodes"]["seed"][1:]]}
+    for episodes, complaint in ((without, "has no settling_time of its episodes"), (broken, "seeds are whole numbers")):
+        path.write_text(json.dumps({"results": [{**task, "policies": [{**policy, "episodes": episodes}]}]}))
+        with pytest.raises(ValueError, match=complaint):
+            Results.read(path)
 
 
 def test_columns_of_different_lengths_are_refused(scored: dict[str, Any], tmp_path: Path) -> None:

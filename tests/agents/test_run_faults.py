@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import pickle
 import shutil
 import subprocess
@@ -143,10 +145,84 @@ def test_two_processes_do_not_train_in_one_folder(run: Path) -> None:
 
 
 def test_drafts_of_killed_runs_are_removed(run: Path) -> None:
-    draft = run / ".checkpoint.123.pt"
-    draft.write_bytes(b"half")
+    draft, mine = run / ".checkpoint.123-4.pt", run / ".eslintrc.base.json"
+    for path in (draft, mine):
+        path.write_bytes(b"half")
     assert TrainingRun.resume(run).train()
     assert not draft.exists()
+    assert mine.exists()
+
+
+def test_a_folder_that_is_refused_stays_as_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [".eslintrc.base.json", ".settings.local.yaml", "readme.txt"]
+    for name in names:
+        (tmp_path / name).write_text("mine")
+    assert main(["train", "ppo/ConveyorTrack-v0", "--out", str(tmp_path)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_what_is_written_to_a_run_stays_in_it(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    precious = tmp_path / "precious.txt"
+    precious.write_bytes((run / "metrics.csv").read_bytes())
+    for name in ("metrics.csv", "last.safetensors"):
+        (run / name).unlink()
+        (run / name).symlink_to(precious)
+    (run / "checkpoint.pt").unlink()
+    before = precious.read_bytes()
+    assert TrainingRun.resume(run).train()
+    assert precious.read_bytes() == before
+    shutil.rmtree(run / "tensorboard")
+    (run / "tensorboard").symlink_to(tmp_path)
+    assert main(["train", "--resume", str(run)]) == 2
+    assert f"{run / 'tensorboard'} is a link to a folder elsewhere" in capsys.readouterr().err
+
+
+def test_a_checkpoint_that_does_not_fit_on_the_disk_is_a_sentence(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        if path.suffix == ".pt":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, content)
+
+    (run / "checkpoint.pt").unlink()
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["train", "--resume", str(run)]) == 1
+    assert f"cannot write {run / 'checkpoint.pt'}: No space left on device" in capsys.readouterr().err
+
+
+def test_an_interrupted_evaluation_leaves_the_agent_and_the_steps_of_the_checkpoint(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(agent: Any, config: Any) -> dict[str, float]:
+        raise KeyboardInterrupt
+
+    (run / "checkpoint.pt").unlink()  # goes on from that of 40 steps
+    (run / "last.safetensors").unlink()
+    monkeypatch.setattr("agents.training.run.score", interrupted)
+    training = TrainingRun.resume(run)
+    with pytest.raises(KeyboardInterrupt):
+        training.train()
+    assert training.steps == 40
+    assert load_agent(run / "last.safetensors")
+
+
+def test_a_run_is_its_own_whatever_its_name(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("ConveyorTrack-v0", "agent", "lr-0.1"):
+        shutil.copytree(run, tmp_path / name)
+    for suffix in (".safetensors", ".json"):
+        shutil.copy(run / f"best{suffix}", tmp_path / f"agent{suffix}")
+    monkeypatch.chdir(tmp_path)
+    expected = evaluate(load_agent(run), "ConveyorTrack-v0", [0, 1])
+    assert set(expected.lengths) == {100}  # of its own horizon
+    for source in ("ConveyorTrack-v0", "./agent", "agent.safetensors", "lr-0.1"):
+        found = evaluate(source, "ConveyorTrack-v0", [0, 1])
+        np.testing.assert_array_equal(found.returns, expected.returns)
+    assert evaluate("lr-0.1", "ConveyorTrack-v0", [0]).policy == "lr-0.1"
+    assert load_agent("ConveyorTrack-v0").shipped
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])

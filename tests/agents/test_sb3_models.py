@@ -84,6 +84,11 @@ def test_a_damaged_model_is_named(models: Path, tmp_path: Path) -> None:
     (tmp_path / "jerk.zip").write_bytes(content[: len(content) // 2])
     with pytest.raises(ValueError, match=r"jerk\.zip is no model"):
         agents.evaluate(str(tmp_path / "jerk.zip"), ENV, [0], allow_code=True, env_config={})
+    for data in ("5", "null", "NaN", "[1, 2]", "[" * 100_000, "\xff"):
+        with zipfile.ZipFile(tmp_path / "jerk.zip", "w") as wrong:
+            wrong.writestr("data", data.encode("latin-1"))
+        with pytest.raises(ValueError, match=r"jerk\.zip is no model"):
+            agents.evaluate(str(tmp_path / "jerk.zip"), ENV, [0], allow_code=True, env_config={})
 
 
 @pytest.mark.parametrize(
@@ -156,17 +161,20 @@ def test_a_model_in_memory_acts_behind_the_statistics_of_its_environment(made: b
 
 
 @pytest.mark.parametrize("algorithm", ["SAC", "TD3", "DDPG"])
-def test_missing_statistics_of_models_with_a_replay_buffer_are_named(algorithm: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("steps", [30, 150])  # in the middle of an episode, and at its end
+def test_missing_statistics_of_models_with_a_replay_buffer_are_named(
+    algorithm: str, steps: int, tmp_path: Path
+) -> None:
     library: Any = import_module("stable_baselines3")
     vectors: Any = import_module("stable_baselines3.common.vec_env")
-    more = {"learning_starts": 10, "buffer_size": 100, "device": "cpu"}
+    more = {"learning_starts": 1000, "buffer_size": 100, "device": "cpu"}
     plain = vectors.DummyVecEnv([lambda: gym.make(ENV)])
-    getattr(library, algorithm)("MlpPolicy", plain, **more).learn(30).save(tmp_path / "plain.zip")
-    model = getattr(library, algorithm)("MlpPolicy", vectors.VecNormalize(plain), **more).learn(30)
+    getattr(library, algorithm)("MlpPolicy", plain, **more).learn(steps).save(tmp_path / "plain.zip")
+    model = getattr(library, algorithm)("MlpPolicy", vectors.VecNormalize(plain), **more).learn(steps)
     model.save(tmp_path / "bare.zip")
-    assert load_model(tmp_path / "plain.zip", allow_code=True).predict(plain.reset())[0].shape[0] == 1
+    assert load_model(tmp_path / "plain.zip", ENV, allow_code=True).predict(plain.reset())[0].shape[0] == 1
     with pytest.raises(ValueError, match=r"trained behind a VecNormalize, .* not beside it"):
-        load_model(tmp_path / "bare.zip", allow_code=True)
+        load_model(tmp_path / "bare.zip", ENV, allow_code=True)
 
 
 def test_statistics_beside_several_models_belong_to_the_one_they_are_named_after(models: Path, tmp_path: Path) -> None:
@@ -174,7 +182,7 @@ def test_statistics_beside_several_models_belong_to_the_one_they_are_named_after
         shutil.copy(models / name, tmp_path)
     for name in ("jerk.zip", "normal.zip"):
         with pytest.raises(ValueError, match="does not say whose statistics it holds"):
-            load_model(tmp_path / name, allow_code=True)
+            load_model(tmp_path / name, ENV, allow_code=True)
     (tmp_path / "vecnormalize.pkl").rename(tmp_path / "normal_vecnormalize.pkl")
-    assert type(load_model(tmp_path / "normal.zip", allow_code=True)).__name__ == "NormalizedPolicy"
+    assert type(load_model(tmp_path / "normal.zip", ENV, allow_code=True)).__name__ == "NormalizedPolicy"
     assert type(load_model(tmp_path / "jerk.zip", allow_code=True)).__name__ == "PPO"

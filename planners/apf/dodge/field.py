@@ -16,7 +16,7 @@ from planners.apf.dodge.gains import DodgeGains, as_record, make_instants
 from planners.apf.dodge.look_ahead import STATE, DodgeScene
 from planners.apf.dodge.proposals import choose_well
 from planners.apf.dodge.whole_arm import goal_postures, joint_attraction, keep_limits, make_body, time_to
-from planners.checks import require_shape
+from planners.checks import floats, require_all_finite, require_finite, require_shape
 from planners.compiled.calls import private, require_compiled
 from planners.robot.arm import Arm
 from planners.typing import Array
@@ -86,6 +86,9 @@ def dodge_accelerations(
         ImportError: where NUMBA_DISABLE_JIT is set.
     """
     body, values, instants = _prepared(arm, gains)
+    require_finite("period", period, "s", "positive")
+    if memory.ndim != 1 or not (memory.dtype.names and "disc_velocity" in memory.dtype.names and memory.flags.carray):
+        raise ValueError("memory must be an array as new_memory makes it, which can be written to")
     rows, discs = len(memory), memory.dtype["disc_velocity"].shape[0]
     angles, speeds, hands = (
         _shaped(name, array, (rows, 2)) for name, array in {"q": q, "qd": qd, "goal": goal}.items()
@@ -97,6 +100,7 @@ def dodge_accelerations(
     states = np.zeros(1, STATE)
     states["tolerance"], states["need"] = TOLERANCE_SHARE * tolerance, hold_time + 0.5 * period
     base, sizes, qdd = arm.base_array, _shaped("radii", radii, (rows, discs)), np.empty_like(angles)
+    require_all_finite("radii", sizes, "not negative")
     room = escape_room() if discs > 1 or forecast is not None else None
     expected = None
     if forecast is not None:
@@ -122,8 +126,9 @@ def dodge_accelerations(
 
 
 def _shaped(name: str, array: ArrayLike, shape: tuple[int, ...]) -> Array:
-    given = np.ascontiguousarray(array, dtype=float)
+    given = np.ascontiguousarray(floats(name, array))
     require_shape(name, given, shape)
+    require_all_finite(name, given)
     return given
 
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.checks import checked_count
+
 GAINS_FILE = Path(__file__).with_name("gains.json")
 """The tuned gains and how they were found."""
 
@@ -111,5 +113,6 @@ def make_instants(gains: DodgeGains) -> NDArray[Any]:
 @cache
 def tuned_gains(discs: int = 1) -> DodgeGains:
     """The best gains known for ObstacleDodge-v0 with so many discs; see ``tools/tune_apf.py``."""
+    checked_count("discs", discs)
     stored = json.loads(GAINS_FILE.read_text())
     return DodgeGains(**(stored["gains"] | (stored["several_discs"] if discs > 1 else {})))
