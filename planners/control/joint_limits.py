@@ -21,6 +21,9 @@ from planners.typing import Array
 TORQUE_SHARE, VELOCITY_SHARE = 0.98, 0.998
 """Shares of the torque and velocity limits that are used: at a constant acceleration the torque varies in a period."""
 
+MOST_PASSES = 20
+"""Most times that accelerations are scaled until their torques fit: each leaves a small share of the excess."""
+
 RANGE_MARGIN = 0.01
 """Distance from the ends of its range at which a joint stops, rad."""
 
@@ -109,14 +112,19 @@ def _share_of_all(still: Array, wanted: Array, limit: Array, used: float) -> flo
 def within_torque(arm: Arm, q: Array, qd: Array, qdd: Array, period: float) -> Array:
     """Accelerations scaled down, row by row, until the torques held for a period fit the arm's limits.
 
-    ``qdd`` are the desired mean accelerations over the period, ``(batch, n)``, rad/s^2; the result is zero in a row
-    where even zero acceleration exceeds a limit. A shape that does not fit is a ValueError.
+    ``qdd`` are the desired mean accelerations over the period, ``(batch, n)``, rad/s^2. Where even zero acceleration
+    exceeds a limit, they are scaled until they exceed none by more than zero does: to zero, if they add to what is too
+    much. A shape that does not fit is a ValueError.
     """
     q, qd, qdd = float_rows(arm.n_joints, q=q, qd=qd, qdd=qdd)
     limit = np.array(arm.limits.torque)
-    still, wanted = held_torque(arm, q, qd, np.zeros_like(qdd), period), held_torque(arm, q, qd, qdd, period)
-    shares = [_share_of_all(*torques, limit, 1.0) for torques in zip(still, wanted, strict=True)]
-    fitting: Array = qdd * np.array(shares)[:, None]
+    still, fitting = held_torque(arm, q, qd, np.zeros_like(qdd), period), qdd.copy()
+    for _ in range(MOST_PASSES):  # centrifugal torques half a period ahead are quadratic in the accelerations
+        wanted = held_torque(arm, q, qd, fitting, period)
+        shares = [_share_of_all(*torques, limit, 1.0) for torques in zip(still, wanted, strict=True)]
+        if min(shares, default=1.0) == 1.0:
+            break
+        fitting *= np.array(shares)[:, None]
     return fitting
 
 

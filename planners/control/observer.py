@@ -6,6 +6,9 @@ command comes late, in steps of the simulation: ``3 n + 4`` numbers. Between two
 the joints under the torques that reach them; the other numbers stay. See D. Simon, "Optimal State Estimation" (2006),
 section 13.2. The state is then simulated on over the latency, with the torques that are on their way.
 
+Each correction is linear, around what is likely so far: a payload of several times the mass of the last link, far above
+the standard deviation that was declared, is underestimated, because accelerations hardly depend on it any more.
+
 A latency that is not known is between two declared ends. A derivative by it is a difference over what is likely, with
 noise for the bend between: motion bends where another command begins to arrive (M. Norgaard, N. Poulsen and O. Ravn,
 "New developments in state estimation for nonlinear systems", 2000).

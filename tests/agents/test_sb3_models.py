@@ -185,4 +185,4 @@ def test_statistics_beside_several_models_belong_to_the_one_they_are_named_after
             load_model(tmp_path / name, ENV, allow_code=True)
     (tmp_path / "vecnormalize.pkl").rename(tmp_path / "normal_vecnormalize.pkl")
     assert type(load_model(tmp_path / "normal.zip", ENV, allow_code=True)).__name__ == "NormalizedPolicy"
-    assert type(load_model(tmp_path / "jerk.zip", allow_code=True)).__name__ == "PPO"
+    assert type(load_model(tmp_path / "jerk.zip", ENV, allow_code=True)).__name__ == "PPO"

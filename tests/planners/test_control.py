@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from planners import PLANAR_3R, SCARA_1M, Arm
+from planners import PLANAR_3R, SCARA_1M, Arm, JointLimits
 from planners.control import Gains, held_torque, tracking_acceleration, within_torque
 from planners.control.joint_limits import (
     RANGE_MARGIN,
@@ -136,3 +136,18 @@ def test_projection_leaves_a_joint_alone_that_no_acceleration_loads() -> None:
     qdd, free = np.array([3.0, -1.0]), np.full(2, np.inf)
     project_off_limit(np.zeros(2), 5.0, -free, free, qdd)
     np.testing.assert_array_equal(qdd, [3.0, -1.0])
+
+
+@pytest.mark.parametrize(("gravity", "limit"), [(0.0, (40.0, 15.0)), (9.81, 60.0), (9.81, 15.0), (-9.81, 15.0)])
+@pytest.mark.parametrize("period", [0.005, 0.05])
+def test_torques_of_scaled_accelerations_fit_or_exceed_no_limit_by_more_than_at_rest(
+    gravity: float, limit: Any, period: float
+) -> None:
+    arm = Arm("upright", [1.0, 0.7], [2.0, 1.0], gravity=gravity, limits=JointLimits(torque=limit))
+    random = np.random.default_rng(0)
+    q, qd, qdd = random.uniform(-1.0, 1.0, (3, 500, 2)) * np.array([3.0, 4.0, 100.0])[:, None, None]
+    scaled = within_torque(arm, q, qd, qdd, period)
+    most, zero = arm.limits.array("torque"), np.abs(held_torque(arm, q, qd, 0.0 * qdd, period))
+    assert (np.abs(held_torque(arm, q, qd, scaled, period)) <= np.maximum(most, zero) * (1.0 + 1e-6)).all()
+    assert (scaled * qdd >= 0.0).all()
+    assert (np.abs(scaled) <= np.abs(qdd)).all()
