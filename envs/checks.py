@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from envs.card import Control
 from envs.observation import Observation
-from planners.checks import checked_count, float_array, refuse_unknown
+from planners.checks import checked_count, float_array, is_masked, refuse_unknown
 from planners.typing import Array
 
 _FLOATS = np.dtype(np.float32), np.dtype(np.float64)
@@ -35,7 +35,7 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
         actions = np.asarray(given)
     except (ValueError, TypeError) as error:
         raise ValueError(f"expected an action of shape {shape}, found {_shown(given)}, which is no array") from error
-    if actions.dtype.kind not in "fiu":
+    if actions.dtype.kind not in "fiu" or is_masked(given):
         raise ValueError(
             f"expected an action of numbers (float32) of shape {shape}, found {_shown(given)} of type {actions.dtype}"
         )
@@ -66,11 +66,13 @@ def checked_observations(given: Any, size: int) -> Observation:
     """
     array = np.asarray(given)
     batch: Observation = np.atleast_2d(array)
-    if batch.ndim != 2 or batch.shape[1] != size or not len(batch) or array.dtype.kind not in "fiub":
+    if batch.ndim != 2 or batch.shape[1] != size or not len(batch) or array.dtype.kind not in "fiu":
         raise ValueError(
             f"expected observations of shape ({size},) or (num_envs, {size}), found shape {array.shape} of type "
             f"{array.dtype}"
         )
+    if is_masked(given):
+        raise ValueError("observations are masked: what is hidden is no number")
     return batch
 
 

@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.checks import floats
 from planners.typing import Array
 
 Observation = NDArray[np.float32]
@@ -88,7 +89,7 @@ class Layout:
         Raises:
             ValueError: if the observation has another size.
         """
-        values = np.asarray(observation, dtype=np.float64)
+        values = floats("observation", observation)
         if values.shape[-1:] != (self.size,):
             raise ValueError(
                 f"observation of shape {values.shape}; this layout has {self.size} elements in its last axis"

@@ -27,6 +27,11 @@ def is_number(value: Any) -> bool:
     return isinstance(value, Real) or (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf")
 
 
+def is_masked(given: Any) -> bool:
+    """Whether an array hides some of its numbers."""
+    return isinstance(given, np.ma.MaskedArray) and bool(np.ma.is_masked(given))
+
+
 def rounded_up(value: float) -> float:
     """A positive number rounded to four digits, never down: for messages that say how much is enough."""
     shown = float(f"{value:.3e}")
@@ -41,7 +46,7 @@ def float_array(name: str, given: Any) -> NDArray[np.float64]:
         fine = array.dtype.kind in "iuf" or (array.dtype.kind == "O" and all(map(is_number, array.flat)))
         if fine and not isinstance(given, np.ndarray):  # True among numbers would become 1.0
             fine = all(map(is_number, np.array(given, dtype=object).flat))
-        if fine and not np.ma.is_masked(given):
+        if fine and not is_masked(given):
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass

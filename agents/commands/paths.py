@@ -46,6 +46,8 @@ agent --seed 12 --plot docs/pictures/paths_excavator_payload.png
     """Seed of the episodes' start."""
     scenario: str | None = None
     """Which start, short for --options scenario=...; paper is the paper's."""
+    level: str | None = None
+    """Difficulty level, from the task's card (docs/benchmark/levels.md)."""
     options: tuple[str, ...] = ()
     """key=value for each option of the reset, such as belt_speed=0.2."""
     settings: tuple[str, ...] = ()
@@ -67,8 +69,8 @@ def run(options: PathsOptions) -> int:
         raise ValueError(f"{len(names)} policies: give 1 to 4")
     refuse_twice(names, "policy")
     check_seed(options.seed)
-    reset_options = given_options(options.options, options.scenario)
-    settings = assigned({}, options.settings)
+    given = assigned({}, options.settings), given_options(options.options, options.scenario)
+    settings, reset_options = envs.task_card(env_id).at_level(options.level, *given)
     check_names(env_id, settings, reset_options)
     policies = name_policies(names, env_id, allow_code=options.allow_code)
     for named in policies:
@@ -76,8 +78,9 @@ def run(options: PathsOptions) -> int:
             note(f"{assumption}, such as --settings control_mode=jerk", "yellow")
     records = [record_episode(env_id, named, options.seed, reset_options, settings) for named in policies]
     paper = reset_options.get("scenario") == "paper"
-    given = [f"{name} {brief(value)}" for name, value in {**settings, **reset_options}.items() if value != "paper"]
-    start = ", ".join([env_id, "the paper's start" if paper else f"seed {options.seed}", *given])
+    shown = [f"{name} {brief(value)}" for part in given for name, value in part.items() if value != "paper"]
+    task = env_id if options.level is None else f"{env_id}/{options.level}"
+    start = ", ".join([task, "the paper's start" if paper else f"seed {options.seed}", *shown])
     if options.plot is not None:
         write_picture(draw_paths(records, start), options.plot, options.dpi)
     outcome_table(start, records).show()
