@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 import envs
 from agents.environments import MOST_EPISODES, SEED_MOST, import_env, portable
@@ -45,7 +45,6 @@ class BenchmarkTask(Settings):
         episodes: number of episodes, if not that of the benchmark.
         bound_episodes: number of episodes whose bound is computed, if not that of the benchmark.
         published: a figure from a paper, for its own row.
-        changed: settings and options that were changed after the task had its ``name``.
     """
 
     env: str
@@ -58,7 +57,7 @@ class BenchmarkTask(Settings):
     episodes: int | None = Field(None, ge=1, le=MOST_EPISODES)
     bound_episodes: int | None = Field(None, ge=0)
     published: Published | None = None
-    changed: dict[str, Any] = Field(default_factory=dict)
+    _changed: dict[str, Any] = PrivateAttr(default_factory=dict)
 
     @field_validator("env")
     @classmethod
@@ -95,6 +94,13 @@ class BenchmarkTask(Settings):
             )
         return self
 
+    def changed(self, name: str, more: Mapping[str, Any]) -> Self:
+        """The task with more settings (``env_config``) or reset options (``options``); `beside_title` says which."""
+        before = getattr(self, name)
+        changed = self.model_copy(update={name: {**before, **more}})
+        changed._changed = self._changed | {key: value for key, value in more.items() if before.get(key) != value}
+        return changed
+
     @property
     def title(self) -> str:
         """Its title in the leaderboard."""
@@ -110,7 +116,7 @@ class BenchmarkTask(Settings):
             (name, value) for given, of_level in parts for name, value in given.items() if value != of_level.get(name)
         ]
         if self.name:
-            own = list(self.changed.items())
+            own = list(self._changed.items())
         return ", ".join(f"{name} {brief(value)}" for name, value in own)
 
 
@@ -210,10 +216,7 @@ def configure(
     for name in ("env_config", "options"):
         more = portable(changes.pop(name, {}))
         own_modes: dict[str, Any] = {"control_modes": {}} if "control_mode" in more else {}
-        for place, task in enumerate(chosen):
-            before = getattr(task, name)
-            changed = task.changed | {key: value for key, value in more.items() if before.get(key) != value}
-            chosen[place] = task.model_copy(update={name: {**before, **more}, "changed": changed, **own_modes})
+        chosen = [task.changed(name, more).model_copy(update=own_modes) for task in chosen]
     policies = changes.get("policies")
     if policies is not None:
         own = [(task, _without_other_experts(policies, task.env)) for task in chosen]

@@ -25,6 +25,7 @@ BAD_ACTIONS = [
     (np.zeros((2, 1)), r"shape \(2,\), found shape \(2, 1\)"),
     (None, "found None of type object"),
     ([0.5, None], "of type object"),
+    (np.ma.array([0.5, 0.5], mask=[0, 1]), "found masked_array"),
     ([[0.5], [0.5, 0.5]], "which is no array"),
     (np.zeros(2, dtype=bool), "of type bool"),
     (np.zeros(2, dtype=complex), "of type complex128"),
