@@ -30,7 +30,7 @@ from planners.files import write_bytes
 
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 FPS, PAUSE = 10, 8  # frames a second; frames until a shorter episode is shown again
-SIDE, CAPTION, GAP = 232, 22, 4  # sides of a panel and of its caption, and gaps, pixels
+WIDTH, HEIGHT, CAPTION, GAP = 232, 218, 22, 4  # of a panel, of its caption and of gaps, pixels
 
 Frame = NDArray[np.uint8]
 
@@ -64,7 +64,7 @@ class PictureOptions:
 
 def main(options: PictureOptions) -> int:
     """Write the pictures; the exit code."""
-    film = Film(FPS, len(EPISODES) * (SIDE + GAP) - GAP)
+    film = Film(FPS, len(EPISODES) * (WIDTH + GAP) - GAP)
     panels = [frames(episode) for episode in EPISODES]
     count = max(map(len, panels))
     for number in range(count):
@@ -80,7 +80,7 @@ def main(options: PictureOptions) -> int:
 
 
 def frames(episode: Episode) -> list[Frame]:
-    """Pictures of an episode, ``FPS`` a second, each ``(SIDE + CAPTION, SIDE, 3)``."""
+    """Pictures of an episode, ``FPS`` a second, each ``(HEIGHT + CAPTION, WIDTH, 3)``."""
     named = find_policy(episode.policy, episode.env)
     taken: list[Frame] = []
     with closing(make_one(episode.env, named.own_settings({}), "rgb_array")) as env:
@@ -101,20 +101,18 @@ def captioned(picture: Any, text: str) -> Frame:
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(picture)
-    width = round((1.0 - PANEL_SHARE) * image.width)
-    side = min(width, image.height)
-    left, top = (width - side) // 2, (image.height - side) // 2
-    workspace = image.crop((left, top, left + side, top + side)).resize((SIDE, SIDE), Image.Resampling.LANCZOS)
-    panel = Image.new("RGB", (SIDE, SIDE + CAPTION), palette.PANEL)
+    seen = image.crop((0, 0, round((1.0 - PANEL_SHARE) * image.width), image.height))
+    workspace = seen.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
+    panel = Image.new("RGB", (WIDTH, HEIGHT + CAPTION), palette.PANEL)
     panel.paste(workspace, (0, 0))
-    place = (SIDE / 2, SIDE + CAPTION / 2)
+    place = (WIDTH / 2, HEIGHT + CAPTION / 2)
     ImageDraw.Draw(panel).text(place, text, fill=palette.INK, font=ImageFont.load_default(14), anchor="mm")
     return np.asarray(panel)
 
 
 def side_by_side(panels: list[Frame]) -> Frame:
     """Panels in a row, with gaps between them."""
-    gap = np.full((SIDE + CAPTION, GAP, 3), palette.PANEL, dtype=np.uint8)
+    gap = np.full((HEIGHT + CAPTION, GAP, 3), palette.PANEL, dtype=np.uint8)
     return np.hstack([part for panel in panels for part in (panel, gap)][:-1])
 
 
