@@ -148,7 +148,8 @@ def require_reach(lengths: Array, base: Array, hand: Array) -> None:
     """Raise UnreachableTarget if a hand position, ``(batch, 2)``, m, is out of reach whatever the joint ranges."""
     distance, (nearest, farthest) = np.hypot(*(hand - base).T), reach(lengths)
     rounding = 1e-12 * farthest + ROUNDING * (np.abs(hand).sum(axis=1) + np.abs(base).sum())
-    _require_reach(lengths, base, hand, (distance >= nearest - rounding) & (distance <= farthest + rounding))
+    within = np.isfinite(distance) & (distance >= nearest - rounding) & (distance <= farthest + rounding)
+    _require_reach(lengths, base, hand, within)
 
 
 def reach(lengths: Array) -> tuple[float, float]:

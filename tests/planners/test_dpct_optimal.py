@@ -367,7 +367,7 @@ def test_settling_bound_of_a_settled_and_of_a_hopeless_start() -> None:
     problem = conveyor(lead=0.0, speed=0.01)
     assert dpct.settling_bound(problem, 0.02, 0.02) == 0.0
     assert dpct.settling_bound(conveyor(lead=-0.2, speed=0.25), 1e-3, 1e-3) == np.inf
-    with pytest.raises(ValueError, match="tolerances"):
+    with pytest.raises(ValueError, match="position_tolerance"):
         dpct.settling_bound(problem, 0.0, 0.02)
     with pytest.raises(ValueError, match="moving target"):
         dpct.settling_bound(replace(problem, target=FixedJoints(problem.q)), 0.1, 0.1)

@@ -30,7 +30,7 @@ def test_payloads_are_percentages_of_the_rated_load() -> None:
         (lambda: ChainGeometry(1.0, 0.0, 1.0, 0.0, 0.0, 1.0), "a2 0.0 must be finite and positive"),
         (lambda: ChainGeometry(1.0, 1.0, math.nan, 0.0, 0.0, 1.0), "a3 nan must be finite"),
         (lambda: Link(-1.0, (0, 0, 0), (1, 1, 1), 1.0, 1.0), "mass of a link -1.0 must"),
-        (lambda: Link(1.0, (0, 0), (1, 1, 1), 1.0, 1.0), "com of a link (0.0, 0.0)"),  # type: ignore[arg-type]
+        (lambda: Link(1.0, (0, 0), (1, 1, 1), 1.0, 1.0), "com of a link has shape (2,)"),  # type: ignore[arg-type]
         (lambda: Link(1.0, (0, 0, 0), (1, 1, 3), 1.0, 1.0), "no rigid body has moments"),
         (lambda: dataclasses.replace(EXCAVATOR, links=EXCAVATOR.links[:4]), "4 links; the chain has 5"),
         (lambda: dataclasses.replace(EXCAVATOR, gravity=math.inf), "gravity inf must be finite"),

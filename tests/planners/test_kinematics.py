@@ -274,7 +274,7 @@ def test_more_links_take_batches_and_give_the_same_every_time() -> None:
     np.testing.assert_array_equal(arm.inverse_kinematics(hands, [0.1, 0.2, 0.0]), postures)
     single = arm.inverse_kinematics(hands[0], 0.1)
     np.testing.assert_array_equal(postures[0, : len(single)], single)
-    with pytest.raises(ValueError, match=r"has shape \(2,\); test arm wants \(4,\), finite"):
+    with pytest.raises(ValueError, match=r"has shape \(2,\); test arm wants \(4,\)"):
         arm.inverse_kinematics(hands[0], near=[0.1, 0.2])
 
 

@@ -113,6 +113,6 @@ def make_instants(gains: DodgeGains) -> NDArray[Any]:
 @cache
 def tuned_gains(discs: int = 1) -> DodgeGains:
     """The best gains known for ObstacleDodge-v0 with so many discs; see ``tools/tune_apf.py``."""
-    checked_count("discs", discs)
+    checked_count("discs", discs, least=0)
     stored = json.loads(GAINS_FILE.read_text())
     return DodgeGains(**(stored["gains"] | (stored["several_discs"] if discs > 1 else {})))
