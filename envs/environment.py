@@ -252,6 +252,8 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def resume(self) -> Observation:
         """The observation after a control of the task's card was used; an episode that was over goes on."""
         self._needs_reset = False
+        if (time_limit := self._time_limit()) is not None:
+            time_limit._elapsed_steps = int(self._env["step"])  # type: ignore[assignment]
         observation: Observation = self._observation.copy()
         return observation
 

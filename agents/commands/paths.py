@@ -17,7 +17,7 @@ from agents.environments import check_names, check_seed, import_env
 from agents.figures.episode_record import EpisodeRecord, picture_of, record_episode
 from agents.figures.paths import draw_paths
 from agents.policies.lookup import name_policies
-from agents.tables import Table
+from agents.tables import Table, number_text
 from agents.yaml_config import assigned, refuse_twice
 from planners.checks import brief
 
@@ -26,7 +26,7 @@ from planners.checks import brief
 class PathsOptions:
     """Run one episode of each policy from the same start; print its outcome and draw its path.
 
-    The pictures of the README:
+    The pictures of the planners' pages:
 
         $ planarm paths ConveyorTrack-v0 --seed 0 --plot docs/pictures/paths_conveyor_track.png
         $ planarm paths MinTorqueMove-v0 --policies follower dpct lagrange apf --seed 18 \
@@ -95,5 +95,5 @@ def outcome_table(title: str, records: Sequence[EpisodeRecord]) -> Table:
     for record in records:
         numbers = [metric.factor * record.info[metric.key] for metric in metrics]
         numbers += [record.info["limit_ratio"], record.info["return"]]
-        rows.append((record.policy, record.outcome.replace("\n", " "), *(f"{number:.6g}" for number in numbers)))
+        rows.append((record.policy, record.outcome.replace("\n", " "), *map(number_text, numbers)))
     return Table(title, headers, rows, text_columns=2)

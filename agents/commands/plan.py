@@ -180,7 +180,7 @@ def _show(trajectory: Trajectory) -> None:
         rows.append((f"worst {kind}", share if limited else "no limit"))
     if trajectory.problem.obstacles:
         rows.append(("least clearance", f"{1e3 * trajectory.clearance:.4g} mm"))
-    rows += [("cost", f"{trajectory.cost:.5g}"), ("samples", str(len(trajectory.t)))]
+    rows += [("index that the planner minimises", f"{trajectory.cost:.5g}"), ("samples", str(len(trajectory.t)))]
     Table(f"{trajectory.problem.arm.name}, {trajectory.planner}", ("", "value"), rows).show()
 
 

@@ -100,10 +100,10 @@ def leaderboard(result: TaskResult) -> Table:
     references: list[tuple[str, str, str, float]] = []
     if bounded is not None:
         bound, values = bounded
-        reachable = share_text(statistics.rate(np.isfinite(values)))
-        references.append(("best known", reachable, bound.metric, statistics.median(values).value))
+        reachable, which = share_text(statistics.rate(np.isfinite(values))), _which(result)
+        references.append((f"best known{which}", reachable, bound.metric, statistics.median(values).value))
         if result.certified is not None:
-            references.append(("lower bound", "", bound.metric, statistics.median(result.certified).value))
+            references.append((f"lower bound{which}", "", bound.metric, statistics.median(result.certified).value))
     if result.task.published is not None:
         references.append(("paper", "", "settling_time", result.task.published.settling_time))
     for name, success, key, value in references:
@@ -137,12 +137,17 @@ def _policy_cells(result: TaskResult, evaluation: Evaluation, estimates: dict[st
     yield number_text(evaluation.timing.policy_us)
 
 
+def _which(result: TaskResult) -> str:
+    """Which episodes have best known values, for their names; empty for all."""
+    count = 0 if result.bounded is None else len(result.bounded[1])
+    return "" if count == len(result.seeds) else f" (first {count})"
+
+
 def _caption(result: TaskResult) -> Iterator[str]:
     """What only the numbers of this leaderboard are, sentence by sentence."""
     if result.bounded is not None:
-        bound, values = result.bounded
-        which = "" if len(values) == len(result.seeds) else f" (the first {len(values)})"
-        yield f"Best known: {bound.meaning}, from the same starts{which}; over best known: the difference."
+        bound, _ = result.bounded
+        yield f"Best known: {bound.meaning}, from the same starts{_which(result)}; over best known: the difference."
         if result.certified is not None:
             yield "Lower bound: proven, no motion is better; its median."
     if beside := result.task.beside_title:

@@ -252,7 +252,7 @@ def _caption(task: TaskScores) -> str:
         bound = f" {task.bound_name.capitalize()}: {meaning}, from the same starts; the median."
     return (
         "Shares with Wilson's 95 % interval; return: interquartile mean with its 95 % bootstrap interval; all else: "
-        f"medians. A dash: infinite, or not defined, in the median episode.{bound}"
+        f"medians. A dash: not defined, or not computed.{bound}"
     )
 
 

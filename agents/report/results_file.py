@@ -94,8 +94,16 @@ class PolicyScores(_Part):
         return [int(seed or 0) for seed in self.episodes["seed"]]
 
     def estimate(self, key: str) -> Estimate | None:
-        """A number of the summary by its key; NaN in place of what is infinite or not known."""
-        return self.summary[key].numbers if key in self.summary else None
+        """A number of the summary by its key; NaN in place of what is not known.
+
+        A median is infinite where more than half of the episodes have no number: a time that is never.
+        """
+        if key not in self.summary:
+            return None
+        found, column = self.summary[key].numbers, self.episodes.get(key, [])
+        if np.isnan([found.value, found.low, found.high]).all() and 2 * column.count(None) > len(column):
+            return Estimate(np.inf, np.inf, np.inf)
+        return found
 
     @property
     def evaluation(self) -> Evaluation:
@@ -214,7 +222,7 @@ class TaskScores(_Part):
     def bound_name(self) -> str:
         """What the best known values are called, with their number if only the first episodes have one."""
         count = len(self.bounds[1]) if self.bounds is not None else len(self.seeds)
-        return "best known" if count == len(self.seeds) else f"best known (the first {count})"
+        return "best known" if count == len(self.seeds) else f"best known (first {count})"
 
 
 def ranked(policies: Sequence[PolicyScores]) -> list[PolicyScores]:

@@ -98,7 +98,7 @@ class SubmitOptions:
 
         $ planarm submit export runs/mine submissions/mine --env ConveyorTrack-v0
         $ planarm submit export model.zip submissions/mine --env ObstacleDodge-v0 \
-          --settings control_mode=velocity --allow-code
+--settings control_mode=velocity --allow-code
         $ planarm submit claim submissions/mine
         $ planarm submit check submissions/mine --json checked.json --format markdown
         $ planarm submit sealed

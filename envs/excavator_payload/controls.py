@@ -11,7 +11,8 @@ from envs.excavator_payload.reference import HEAVIEST
 
 def _set_payload(task: Any, record: Any, mass: float) -> bool:
     record["payload"], record["payload_inertia"] = mass, payload_inertia(mass)
-    record["pick_step"] = record["step"]  # picked up in the next control period
+    if record["step"] >= record["pick_step"]:  # otherwise it is picked up when that was due
+        record["pick_step"] = max(1, record["step"])
     return True
 
 

@@ -69,10 +69,13 @@ def run(batch: Any, model: Any, first: int, last: int, work: int) -> None:
             env = batch[index]
             if work == ADVANCE:
                 _finish(env, shared)
-            elif work == BEGIN:
-                _begin(env, shared)
             else:
+                if work == BEGIN:
+                    _begin(env, shared)
                 _find_postures(env, shared)
+                env.clearance, env.distance = measure_clearance(env, shared), _goal_distance(env)
+                if work == BEGIN:
+                    env.min_clearance, env.start_distance = env.clearance, max(env.distance, shared.tolerance)
             if shared.measure_kernel == 0:
                 _observe(env, shared)
             else:
@@ -88,13 +91,9 @@ def _begin(env: Any, shared: Any) -> None:
     begin_episode(env, shared)
     env.held_steps = 0
     env.collision = False
-    _find_postures(env, shared)
     move_discs(env, shared, 0.0)
     copy_array(env.disc_velocities_before, env.disc_velocities)
-    env.clearance = env.min_clearance = measure_clearance(env, shared)
     hand_state_single(shared.lengths, shared.base, env.q, env.qd, env.hand, env.hand_velocity)
-    env.distance = _goal_distance(env)
-    env.start_distance = max(env.distance, shared.tolerance)
 
 
 @inlined

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from envs.physics.chipmunk import array_at
 from envs.physics.rigid_bodies import begin_commands
 from planners.compiled.calls import Kernel, call, clear_array, copy_array, inlined, private
@@ -122,6 +124,11 @@ def observed_through(env: Any, copies: Any) -> None:
 
 
 def restart_clock(record: Any) -> None:
-    """Give the running episode of an environment's record its whole time again; the arm moves on."""
+    """Give the running episode of an environment's record its whole time again; the arm moves on.
+
+    Its noise, which is that of a key and a step, goes on with another key.
+    """
+    known = np.random.SeedSequence([int(record["noise_key"]), int(record["step"])])
+    record["noise_key"] = known.generate_state(1, np.uint64)[0]
     record["step"] = 0
     record["terminated"] = record["truncated"] = record["success"] = False

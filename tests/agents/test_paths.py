@@ -17,6 +17,7 @@ from agents.commands.outputs import check_outputs
 from agents.commands.paths import PathsOptions, run
 from agents.figures.episode_record import record_episode
 from agents.policies.lookup import find_policy
+from agents.tables import number_text
 
 POLICIES = ("follower", "dpct")
 DODGE = "ObstacleDodge-v0"
@@ -38,7 +39,7 @@ def test_the_outcomes_are_the_evaluators(
     rows = {line.split("|")[1].strip(): line.strip("|").replace("|", " ") for line in lines}
     for policy in POLICIES:
         evaluation = agents.evaluate(policy, env_id, [seed])
-        assert rows[policy].split()[-1] == f"{evaluation.returns[0]:.6g}"
+        assert rows[policy].split()[-1] == number_text(evaluation.returns[0])
         if evaluation.success[0]:
             assert f" {factor * evaluation.metrics[key][0]:.{decimals}f} " in rows[policy]
 

@@ -98,7 +98,7 @@ def test_dpct_says_why_it_has_no_motion(session: Session) -> None:
     played(session, 1.0)
     session.take(Message(do="change", key="part", point=(0.2, 1.4)))
     (policy,) = played(session, 0.2)
-    assert "no motion within the limits" in policy["refusal"]
+    assert "for a motion within the limits" in policy["refusal"]
 
 
 def test_the_belt_changes_its_speed(session: Session) -> None:

@@ -12,12 +12,14 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pages import ROOT
 from report_cases import HOSTILE, as_large_as_the_default
 
 from agents.cli import main
 from agents.commands.report import ReportOptions, run
+from agents.evaluation.statistics import Estimate
 from agents.report.bundle import bundled, script
 from agents.report.figures import task_figures, write_figures
 from agents.report.page import report_page
@@ -128,6 +130,22 @@ def test_the_default_benchmark_makes_less_than_five_megabytes(scored: dict[str, 
     large = Results.of(as_large_as_the_default(scored))
     assert sum(len(task.policies) * len(task.seeds) for task in large.results) > 2900
     assert len(report_page([("results", large)])) < 5_000_000
+
+
+def test_what_is_never_is_infinite(scored: dict[str, Any]) -> None:
+    task = scored["results"][0]
+    policy = task["policies"][0]
+    count = len(policy["episodes"]["seed"])
+    never = {"value": None, "low": None, "high": None}
+    column = {**policy["episodes"], "settling_time": [None] * count}
+    lost = {**policy, "summary": {**policy["summary"], "settling_time": never}, "episodes": column}
+    scores = Results.of({**scored, "results": [{**task, "policies": [lost]}]}).results[0].policies[0]
+    assert scores.estimate("settling_time") == Estimate(np.inf, np.inf, np.inf)
+    unknown = {**policy, "summary": {**policy["summary"], "settling_time": never}}
+    scores = Results.of({**scored, "results": [{**task, "policies": [unknown]}]}).results[0].policies[0]
+    estimate = scores.estimate("settling_time")
+    assert estimate is not None
+    assert np.isnan(estimate.value)
 
 
 def test_older_files_have_no_replays(scored: dict[str, Any]) -> None:
@@ -268,7 +286,7 @@ def test_labels_of_the_cost_chart_are_apart(scored: dict[str, Any]) -> None:
         task_figures(TaskScores.model_validate(task), dict.fromkeys(("apf", "another", "the third"), "black"))
     )
     labels = charts["cost"].axes[0].texts
-    assert [text.get_text() for text in labels] == ["best known (the first 4)", "apf", "another", "the third"]
+    assert [text.get_text() for text in labels] == ["best known (first 4)", "apf", "another", "the third"]
     boxes = [text.get_window_extent() for text in labels]
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 

@@ -50,7 +50,7 @@ def test_the_bound_has_a_profile_of_its_own_seeds(tasks: list[TaskScores]) -> No
     assert bound.share[-1] == 1.0
     assert tasks[0].bounds is not None
     assert list(tasks[0].bounds[1]) == [0, 1, 2, 3]
-    assert tasks[0].bound_name == "best known (the first 4)"
+    assert tasks[0].bound_name == "best known (first 4)"
     assert profiled(tasks[0]) == "the first 4 episodes"
 
 

@@ -184,7 +184,7 @@ def test_tables_are_saved_as_csv_and_latex(page: Any, scored: dict[str, Any], tm
         waiting.value.save_as(tmp_path / kind)
         texts[kind] = (tmp_path / kind).read_text(encoding="utf-8")
     rows = list(csv.DictReader(texts["csv"].splitlines()))
-    assert [row["policy"] for row in rows][-1] == "best known (the first 4)"
+    assert [row["policy"] for row in rows][-1] == "best known (first 4)"
     assert HOSTILE in [row["policy"] for row in rows]
     apf = next(row for row in rows if row["policy"] == "apf")
     summary = next(each for each in scored["results"][0]["policies"] if each["policy"] == "apf")["summary"]

@@ -343,8 +343,9 @@ at("task").addEventListener("change", () => {
 at("arm").addEventListener("change", () => choose({ arm: at("arm").value || null }));
 at("scenario").addEventListener("change", () => choose({ scenario: at("scenario").value || null }));
 at("seed").addEventListener("change", () => {
-  const seed = Math.trunc(+at("seed").value);
-  if (seed >= 0) send({ do: "restart", seed });
+  const seed = Number(at("seed").value);
+  if (at("seed").value !== "" && Number.isSafeInteger(seed) && seed >= 0) send({ do: "restart", seed });
+  else at("seed").value = episode.choice.seed;
 });
 at("speed").addEventListener("input", () => {
   const speed = 2 ** +at("speed").value;

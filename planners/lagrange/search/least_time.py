@@ -88,7 +88,7 @@ def late(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) 
 
 def too_late(time: float, minimum: float) -> Infeasible:
     """The refusal of a motion in a time, with the least one that does, s; inf if that is not known."""
-    message = f"no motion within the limits takes only {time:.4g} s"
+    message = f"{time:.4g} s are not enough for a motion within the limits"
     if math.isinf(minimum):
         return Infeasible("late", f"{message}; allow more", time=time)
     return Infeasible("late", f"{message}; allow at least {rounded_up(minimum):.4g} s", time=time, minimum_time=minimum)
