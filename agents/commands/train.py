@@ -50,9 +50,9 @@ class TrainOptions:
     """Difficulty level of the environment, from the task's card, in place of those of the configuration; for several,
     levels=[two_discs,fast]."""
     seed: int | None = None
-    """Seed of all random number generators of the run."""
+    """Seed of all random number generators of the run; that of the configuration, 0, if left out."""
     total_steps: int | None = None
-    """Control steps of all environments together."""
+    """Control steps of all environments together; those of the configuration if left out."""
     out: Path | None = None
     """Folder of the run; by default runs/ENV-DATE-seedN."""
     resume: Path | None = None
