@@ -74,7 +74,7 @@ def test_an_exported_model_acts_as_before(algorithm: str, tmp_path: Path) -> Non
 def test_a_zip_is_exported_with_the_settings_that_are_given(algorithm: str, tmp_path: Path) -> None:
     model = make(algorithm)
     model.save(tmp_path / "model.zip")
-    exported = export_agent(load_model(tmp_path / "model.zip", allow_code=True), ENV, env_config=SETTINGS)
+    exported = export_agent(load_model(tmp_path / "model.zip", ENV, allow_code=True), ENV, env_config=SETTINGS)
     assert exported.action_config == {"control_mode": "jerk"}
     assert_same_actions(exported, model)
 
@@ -115,7 +115,7 @@ def test_statistics_of_vecnormalize_become_part_of_the_agent(algorithm: str, tmp
     assert (np.abs(venv.normalize_obs(seen)) == 1.5).any()
     model.save(tmp_path / "model.zip")
     venv.save(tmp_path / "vecnormalize.pkl")
-    again = export_agent(load_model(tmp_path / "model.zip", allow_code=True), ENV, env_config=SETTINGS)
+    again = export_agent(load_model(tmp_path / "model.zip", ENV, allow_code=True), ENV, env_config=SETTINGS)
     np.testing.assert_array_equal(again.predict(seen, deterministic=True)[0], loaded.predict(seen, None, None, True)[0])
 
 
