@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import gymnasium as gym
@@ -142,12 +143,17 @@ def _show_names(document: Document) -> None:
     variants = [(name, ", ".join(names)) for name, names in document["planners"].items()]
     title = "Planners (planarm plan; --list says what each takes)"
     Table(title, ("name", "variants"), variants, text_columns=2).show()
-    say(f"Recipes (planarm train): {', '.join(document['recipes'])}\n")
+    say(f"{_wrapped('Recipes (planarm train)', document['recipes'])}\n")
     agents = [f"{env_id} ({', '.join(document['environments'][env_id]['agents'])})" for env_id in document["agents"]]
-    say(f"Agents that come with planarm: {', '.join(agents)}\n")
+    say(f"{_wrapped('Agents that come with planarm', agents)}\n")
     arms = [(name, str(arm["links"]), f"{arm['reach_m']:.3f}") for name, arm in document["arms"].items()]
     Table("Arms (--settings arm=NAME)", ("name", "links", "reach (m)"), arms).show()
     say("planarm list ID: settings, reset options and metrics of an environment.")
+
+
+def _wrapped(what: str, names: list[str]) -> str:
+    """Names after what they are of, in lines of at most 120 characters."""
+    return fill(f"{what}: {', '.join(names)}", 120, break_long_words=False, break_on_hyphens=False)
 
 
 def _show_environment(env_id: str, entry: Document) -> None:

@@ -18,6 +18,7 @@ from envs.experts import refuse_transformed
 from envs.observation import Observation
 from envs.settings import refuse_unknown
 from envs.task import Task
+from envs.uncertainty.draw import DRAWN
 from planners import Arm
 from planners.control.network import ACTIVATIONS, Network, Tensors, tanh
 
@@ -173,9 +174,9 @@ class Agent:
         """Whether it may have been trained with uncertainty: by its settings, or at difficulty levels."""
         from envs.conveyor_track.filtered import FilteredPolicy
 
-        training = self.document.get("training")
-        recipe = training.get("config") if isinstance(training, Mapping) else None
-        return FilteredPolicy.wanted(self._task) or (isinstance(recipe, Mapping) and bool(recipe.get("levels")))
+        known = task_card(self.env_id).levels
+        uncertain = any({*DRAWN, "mass_error"} & {*known[name].settings} for name in self.levels if name in known)
+        return FilteredPolicy.wanted(self._task) or uncertain
 
     def network_actions(self, inputs: NDArray[np.float32], *, deterministic: bool = True) -> Actions:
         """What the network gives for its inputs, ``(num_envs, size)``: actions or forecasts in [-1, 1].

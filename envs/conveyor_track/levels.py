@@ -13,6 +13,11 @@ LEVELS = {
     "far": Level(
         "belt at 1.85 m from the base, close to the reach of 2 m", options={"line_height": 1.85}, every_arm=False
     ),
+    "wide": Level(
+        "belts of 0.05 to 0.3 m/s, 1.25 to 1.87 m from the base",
+        options={"belt_speed": (0.05, 0.305), "line_height": (1.25, 1.87), "hand_x": (-0.95, -0.3)},
+        every_arm=False,
+    ),
     "beside": Level("hand starts up to 0.2 m beside the belt's line", options={"beside": (-0.2, 0.2)}, every_arm=False),
     "payload": Level("unknown payload of up to 0.3 kg", {"payload": (0.0, 0.3)}),
     "model_error": Level("each link up to 10 % lighter or heavier", {"mass_error": (-0.1, 0.1)}),

@@ -12,6 +12,7 @@ import agents
 import envs
 from agents.evaluation.evaluate import evaluate
 from agents.policies.agent import Agent
+from envs.conveyor_track.filtered import FilteredPolicy
 
 BELT, LEVEL = "ConveyorTrack-v0", "noise"
 
@@ -75,3 +76,10 @@ def test_an_agent_that_was_trained_with_noise_sees_it(trained: dict[str, Any]) -
         assert shipped.for_env(env) is not shipped
     with gym.make(BELT, control_mode="jerk") as env:
         assert shipped.for_env(env) is shipped
+
+
+def test_an_agent_of_levels_without_uncertainty_acts_on_estimates_too() -> None:
+    agent = agents.load_agent(BELT, "wide")
+    assert agent.levels
+    assert isinstance(agent.for_env(gym.make(BELT, **noisy())), FilteredPolicy)
+    assert agent.for_env(gym.make(BELT, control_mode="jerk")) is agent
