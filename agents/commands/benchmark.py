@@ -43,12 +43,13 @@ class BenchmarkOptions(ScoreOutputs):
     full: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Run the whole configuration, as in the published leaderboard, and not its quick part."""
     episodes: int | None = None
-    """Episodes of each policy on each task. Like the next ones, as in the configuration if left out: in that of the
-    leaderboard 32, or 128 with --full."""
+    """Episodes of each policy on each task; if left out, those of the configuration: 32 in the leaderboard's, or 128
+    with --full."""
     bound_episodes: int | None = None
-    """Number of episodes whose best known optimum is computed: 16, or 128 with --full."""
+    """Number of episodes whose best known optimum is computed; if left out, 16 in the leaderboard's, or 128 with
+    --full."""
     seed: int | None = None
-    """Seed of the first episode, 0; each further episode has the next."""
+    """Seed of the first episode; each further episode has the next. If left out, that of the configuration, 0."""
     policies: tuple[str, ...] | None = None
     """Names of experts; agent for the trained agent that comes with planarm; the path of a run, an agent or a .zip;
     module:name for your own planner, policy, or function that makes one."""
@@ -62,7 +63,7 @@ class BenchmarkOptions(ScoreOutputs):
     options: tuple[str, ...] = ()
     """key=value for each option of the reset, such as belt_speed=0.2."""
     num_envs: int | None = None
-    """Episodes that run at once, 64."""
+    """Episodes that run at once; if left out, 64 in the leaderboard's configuration."""
     address: str | None = None
     """Spread the episodes over the workers of Ray: local for one a processor of this machine, auto for the cluster that
     it belongs to, host:port of a cluster's head. Scores are the same to the bit; needs pip install

@@ -32,6 +32,7 @@ def settle_early(task: Task) -> Planner:
 
 
 def _settle_early(tolerances: Mapping[str, float], problem: MotionProblem) -> Trajectory:
+    """The motion that settles earliest, within `LIMIT_SHARE` of the limits if there is one."""
     careful = replace(problem, limits=problem.joint_limits.scaled(LIMIT_SHARE))
     for attempt in (careful, problem):  # the start may need the rest of the limits
         with suppress(Infeasible):
