@@ -201,8 +201,11 @@ def register(env_id: str, task: type[Task] | str, card: TaskCard | str) -> None:
         card: its card, or ``"module:NAME"`` of it.
 
     Raises:
+        TypeError: if the card is none.
         ValueError: if the class has another `env_id`, or planarm itself has a task of this id.
     """
+    if not isinstance(card, TaskCard | str):
+        raise TypeError(f"the card of {env_id} is {card!r:.80}; give a TaskCard, or the name of one")
     if not isinstance(task, str) and task.env_id != env_id:
         raise ValueError(f"{task.__name__}.env_id is {task.env_id!r}, not {env_id!r}; make them the same")
     single, vector = "envs.environment:PlanarArmEnv", "envs.vector_environment:PlanarArmVectorEnv"

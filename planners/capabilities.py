@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
 import numpy as np
 
-from planners.checks import brief, require_choice
+from planners.checks import brief, checked_count, refuse_unknown, require_choice, require_finite
 from planners.interrupts import plain_interrupts
 from planners.options import checked_options
 from planners.problem import FixedHand, FixedJoints, Infeasible, MotionProblem, MovingHand
@@ -56,6 +56,19 @@ class Takes:
     precision: float = 1e-6
     accelerating: bool = True
     arrives: Literal["early", "on time"] = "early"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.links, Iterable):
+            raise ValueError(f"links {brief(self.links)} must be numbers of links, as in (2, 3)")
+        for count in self.links:
+            checked_count("links", count)
+        require_choice("obstacles", self.obstacles, ("avoided", "checked"))
+        require_choice("arrives", self.arrives, ("early", "on time"))
+        for name in ("keeps", "needs"):
+            if isinstance(kinds := getattr(self, name), str):
+                raise ValueError(f"{name} {kinds!r} must be several kinds of limit, as in ({kinds!r},)")
+            refuse_unknown(kinds, LIMIT_KINDS, "kind of limit")
+        require_finite("precision", self.precision, sign="not negative")
 
     def objection(self, problem: MotionProblem) -> str | None:
         """Why a problem is not taken, or None if it is."""

@@ -24,7 +24,7 @@ ROUNDING = 1e-13
 """Angles carry this rounding, relative to their size; divided by the squared interval it is that of an acceleration."""
 
 SHORT = 1e-6
-"""Interval, as a fraction of the duration, in which rounding of its times dominates a quintic: it is left as it is."""
+"""Interval, as a fraction of the time at its end, in which rounding of times dominates a quintic: it is left as it is."""
 
 INNER = 1e-6
 """Share of an interval, from either end, in which no turning point is looked for."""
@@ -181,7 +181,7 @@ def insert_turning_points(t: Array, q: Array, qd: Array, qdd: Array) -> tuple[Ar
 def _turning_points(i: int, t: Array, q: Array, qd: Array, qdd: Array, most: Array, shares: Array) -> int:
     """Write the shares of interval ``i`` at which a value of a joint turns to ``shares``; how many there are."""
     h, count = t[i + 1] - t[i], 0
-    if not h > SHORT * t[-1]:
+    if not h > SHORT * t[i + 1]:
         return 0
     for j in range(q.shape[1]):
         ends = q[i, j], qd[i, j], qdd[i, j], q[i + 1, j], qd[i + 1, j], qdd[i + 1, j]

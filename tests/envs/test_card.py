@@ -60,6 +60,12 @@ def test_a_task_is_registered_under_its_own_id() -> None:
     assert "Belt-v0" not in envs.env_ids()
 
 
+def test_what_is_no_card_is_not_registered() -> None:
+    with pytest.raises(TypeError, match=r"the card of Belt-v0 is None; give a TaskCard"):
+        envs.register("Belt-v0", type("Belt", (ConveyorTrack,), {"env_id": "Belt-v0"}), None)  # type: ignore[arg-type]
+    assert "Belt-v0" not in envs.env_ids()
+
+
 def test_experts_are_those_of_the_cards() -> None:
     assert expert_names("ObstacleDodge-v0") == ["dpct", "lagrange", "apf", "follower", "random"]
     assert "dpct" not in expert_names("ExcavatorPayload-v0")

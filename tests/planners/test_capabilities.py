@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -271,6 +272,23 @@ def test_what_is_no_planner_is_not_registered(plan: Any, takes: Any, message: st
     with pytest.raises(TypeError, match=message):
         planners.register("stub", plan, takes)
     assert ("stub", "") not in VARIANTS
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"links": 2}, r"links 2 must be numbers of links, as in \(2, 3\)"),
+        ({"links": (0, 2)}, "links 0 must be a whole number"),
+        ({"obstacles": "avoid"}, "obstacles 'avoid' must be one of 'avoided', 'checked'"),
+        ({"keeps": "angle"}, r"keeps 'angle' must be several kinds of limit, as in \('angle',\)"),
+        ({"needs": ("speed",)}, 'unknown kind of limit "speed"'),
+        ({"precision": math.nan}, "precision nan must be finite"),
+        ({"arrives": "late"}, "arrives 'late' must be one of"),
+    ],
+)
+def test_what_a_planner_takes_is_checked(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Takes(**given)
 
 
 def test_no_own_planner_takes_the_name_of_a_policy() -> None:

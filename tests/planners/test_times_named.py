@@ -83,6 +83,22 @@ def test_no_time_is_named_after_which_an_obstacle_is_touched() -> None:
     assert plan(replace(free, horizon=4.0, obstacles=(disc,))).clearance > 0.0
 
 
+def test_no_time_is_named_if_every_path_touches_an_obstacle_in_its_least_time() -> None:
+    """Of an arm of six links, with several postures at the target."""
+    limits = JointLimits(torque=[math.inf] * 6, velocity=[2.0] * 6, acceleration=[3.0] * 6, angle=[math.inf] * 6)
+    arm = Arm("six", [0.2] * 6, [1.0] * 6, limits=limits, gravity=0.0)
+    start = np.full(6, 0.3)
+    base = Obstacle([0.0, 0.0], [0.0, 0.0], 0.05)
+    problem = MotionProblem(arm, start, FixedHand([0.5, -0.6]), 0.1, obstacles=(base,))
+    plan = VARIANTS["dpct", "torque"].plan
+    with pytest.raises(Infeasible, match="in their least times touch an obstacle; the horizon is 0.1 s") as refusal:
+        plan(problem)
+    assert "minimum_time" not in refusal.value.details
+    with pytest.raises(Infeasible, match="raise it") as refusal:
+        plan(replace(problem, obstacles=()))
+    plan(replace(problem, obstacles=(), horizon=1.001 * named(refusal.value)))
+
+
 @pytest.mark.parametrize(
     ("value", "expected"), [(1.2341, 1.235), (1.234, 1.234), (9.9991, 10.0), (3e-7, 3e-7), (12345.0, 12350.0)]
 )

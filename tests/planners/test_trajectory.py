@@ -57,6 +57,19 @@ class TestInterpolation:
             expected = np.stack([p.deriv(order)(times) for p in QUINTICS], axis=-1)
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
 
+    def test_so_is_a_short_move_before_a_long_rest(self) -> None:
+        """The velocity turns within the 2 ms, of a motion of 41 hours."""
+        move = np.polynomial.Polynomial([0.0, 0.0, 1.5e6, -5e8])  # a speed of 1.5 rad/s after 1 ms
+        samples = np.array([0.0, 0.002, 150_000.0])
+        q, qd, qdd = (np.repeat(move.deriv(order)(np.minimum(samples, 0.002))[:, None], 2, 1) for order in range(3))
+        samples, rows = samples[[0, 1, 1, 2]], [0, 1, 1, 1]
+        still = np.array([1.0, 1.0, 0.0, 0.0])[:, None]
+        motion = sampled_trajectory(problem(), samples, q[rows], qd[rows] * still, qdd[rows] * still, planner="test")
+        times = np.linspace(0.0, 0.002, 101)[:-1]
+        for order, found in enumerate(motion.at(times)):
+            expected = np.repeat(move.deriv(order)(times)[:, None], 2, 1)
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+
     @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6), st.integers(0, 10_000))
     @settings(deadline=None, max_examples=40)
     def test_nothing_is_cut_off_where_quintics_turn_between_samples(self, steps: list[float], seed: int) -> None:

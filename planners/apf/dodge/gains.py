@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.checks import checked_count
+from planners.checks import checked_count, require_finite
 
 GAINS_FILE = Path(__file__).with_name("gains.json")
 """The tuned gains and how they were found."""
@@ -75,8 +75,8 @@ class DodgeGains:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not value >= 0.0 or (math.isinf(value) and name != "farthest"):
-                raise ValueError(f"{name} = {value} must be a finite number and not negative")
+            if name != "farthest" or value != math.inf:
+                require_finite(name, value, sign="not negative")
         for name in ("horizon", "closeness_memory", "collision_memory", "lag", "confidence", "corner_room"):
             if getattr(self, name) == 0.0:
                 raise ValueError(f"{name} must be positive")

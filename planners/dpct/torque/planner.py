@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 
 from planners.capabilities import SMOOTHLESS, Takes, variant
-from planners.checks import require_choice
+from planners.checks import require_choice, rounded_up
 from planners.dpct.torque.profile_search import Corridor, Profile, least_torque, mix
 from planners.dpct.torque.speed_profile import controllable, extreme_profile
 from planners.dpct.torque.way import KINDS, Way, way_of
@@ -104,16 +104,20 @@ def plan_torque(problem: MotionProblem, *, objective: Objective = "PI1", stages:
     require_choice("objective", objective, get_args(Objective))
     if not 10 <= stages <= MOST_STAGES:
         raise ValueError(f"stages {stages} must be from 10 to {MOST_STAGES}")
-    free = replace(problem, obstacles=())  # which are looked at once, in the motion that is chosen
-    if isinstance(problem.target, FixedHand):
-        failure = None
-        if problem.arm.n_joints in (2, 3):
-            try:
-                return _among(problem, _along(way_of(free, stages), objective))
-            except Infeasible as refusal:
-                failure = refusal
-        return _to_postures(problem, objective, stages, failure)
-    return _among(problem, _along(way_of(free, stages), objective))
+    if not isinstance(problem.target, FixedHand):
+        return _among(problem, _along(_free_way(problem, stages), objective))
+    failure = None
+    if problem.arm.n_joints in (2, 3):
+        try:
+            return _among(problem, _along(_free_way(problem, stages), objective))
+        except Infeasible as refusal:
+            failure = refusal
+    return _to_postures(problem, objective, stages, failure)
+
+
+def _free_way(problem: MotionProblem, stages: int) -> Way:
+    """The way without the obstacles, which are looked at once, in the motion that is chosen."""
+    return way_of(replace(problem, obstacles=()), stages)
 
 
 def _among(problem: MotionProblem, trajectory: Trajectory) -> Trajectory:
@@ -159,34 +163,42 @@ def _to_postures(problem: MotionProblem, objective: Objective, stages: int, fail
     that of the hand's path.
     """
     assert isinstance(problem.target, FixedHand)
-    plans, failures = [], [] if failure is None else [failure]
-    for goal in goal_postures(problem, problem.target, "best"):
+    plans = []
+    failures: list[tuple[Infeasible, FixedHand | FixedJoints]] = []
+    if failure is not None:
+        failures.append((failure, problem.target))
+    for goal in map(FixedJoints, goal_postures(problem, problem.target, "best")):
         try:
-            free = replace(problem, target=FixedJoints(goal), obstacles=())
+            free = replace(problem, target=goal, obstacles=())
             plans.append(plan_torque(free, objective=objective, stages=stages))
         except Infeasible as refusal:
-            failures.append(refusal)
+            failures.append((refusal, goal))
     plans.sort(key=lambda plan: plan.cost)
     measured = []
     for plan in plans:
         measured.append(_among(problem, plan))
         if measured[-1].clearance >= 0.0:
             return measured[-1]
-    if failures:
-        raise next((one for one in failures if _time_helps(problem, one, objective, stages)), failures[0])
-    return measured[0]  # to be refused with where it touches
+    for refusal, target in failures:
+        if _time_helps(replace(problem, target=target), refusal, objective, stages):
+            raise refusal
+    if measured:
+        return measured[0]  # to be refused with where it touches
+    least = min(cast(float, refusal.details["minimum_time"]) for refusal, _ in failures)
+    message = f"the straight paths take {rounded_up(least):.4g} s or more, and in their least times touch an obstacle"
+    raise Infeasible("late", f"{message}; the horizon is {problem.horizon:.4g} s, try another planner")
 
 
 def _time_helps(problem: MotionProblem, refusal: Infeasible, objective: Objective, stages: int) -> bool:
-    """Whether the time that a refusal names, if it names one, leads to a motion that touches no obstacle."""
+    """Whether the time that a path's refusal names leads to a motion that touches no obstacle; True if none is named."""
     enough = refusal.details.get("minimum_time")
     if not isinstance(enough, float) or not problem.obstacles:
         return True
+    longer = replace(problem, horizon=1.001 * enough)
     try:
-        longer = plan_torque(replace(problem, horizon=1.001 * enough), objective=objective, stages=stages)
+        return _among(longer, _along(_free_way(longer, stages), objective)).clearance >= 0.0
     except Infeasible:
         return False
-    return longer.clearance >= 0.0
 
 
 def _fastest_within_limits(way: Way, objective: Objective) -> Corridor:
