@@ -46,6 +46,9 @@ clearance then takes its most at every sample.
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
 """Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
 
+USELESS = 3
+"""Attempts in a row that do not lower the least excess so far: after these no other is made."""
+
 BACK_OFF = 1e-4
 """How much tighter than the excess between the stages the limits become for the next attempt."""
 
@@ -143,6 +146,7 @@ def _along(way: Way, objective: Objective) -> Trajectory:
         if way.across is not None:
             raise Infeasible("late", f"{message} further: joints move beside the path and must brake", horizon=horizon)
         raise Infeasible("late", message, minimum_time=least * (1.0 + 1e-9), horizon=horizon)
+    least_excess, useless = math.inf, 0
     for _ in range(ATTEMPTS):
         late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
         profile = mix(corridor, fastest, corridor.fastest) if late else least_torque(corridor)
@@ -150,11 +154,15 @@ def _along(way: Way, objective: Objective) -> Trajectory:
         excess = _excess(trajectory)
         if (excess <= 1.0).all():
             return trajectory
+        useless = 0 if excess.max() < least_excess else useless + 1
+        least_excess = min(least_excess, float(excess.max()))
+        if useless == USELESS:  # what moves beside the path exceeds them, whatever the speed along it
+            break
         corridor = _corridor(way, objective, _tightened(corridor.track.limits, excess))
     if way.across is not None:
         moving = float(np.abs(way.across).max())
         message = f"beside the straight path the joints move at up to {moving:.3g} rad/s, which the limits do not allow"
-        raise Infeasible("start", f"{message} to brake on the way; allow more time", across=moving)
+        raise Infeasible("start", f"{message} to brake on the way; change the horizon, or start at rest", across=moving)
     raise _between_stages()
 
 
