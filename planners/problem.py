@@ -167,7 +167,7 @@ class MotionProblem(ByValue):
         for name, default in {"qd": np.zeros(n), "qdd": np.zeros(n), "limits": self.arm.limits}.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, default)
-        _freeze(self, q=n, qd=n, qdd=n)
+        _freeze(self, f" for the joints of the arm {self.arm.name}", q=n, qd=n, qdd=n)
         require_finite("horizon", self.horizon, "s", "positive")
         require_finite("payload mass", self.payload, "kg", "not negative", MOST)
         object.__setattr__(self, "horizon", float(self.horizon))
@@ -212,13 +212,13 @@ def _require_kinds(problem: MotionProblem) -> None:
     object.__setattr__(problem, "obstacles", obstacles)
 
 
-def _freeze(instance: object, **lengths: int | None) -> None:
-    """Turn the named fields into read-only float arrays of the given lengths (None: any)."""
+def _freeze(instance: object, purpose: str = "", **lengths: int | None) -> None:
+    """Turn the named fields into read-only float arrays of the given lengths (None: any); ``purpose`` is for errors."""
     for name, length in lengths.items():
         array = float_array(name, getattr(instance, name))
         if array.ndim != 1 or (length is not None and len(array) != length):
             wanted = "one dimension" if length is None else f"shape ({length},)"
-            raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}")
+            raise ValueError(f"{name} has shape {array.shape}; it must have {wanted}{purpose}")
         require_all_finite(name, array)
         array.setflags(write=False)
         object.__setattr__(instance, name, array)

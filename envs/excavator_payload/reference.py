@@ -22,8 +22,7 @@ from planners.checks import brief
 from planners.compiled.calls import Kernel, call, inlined, new_array, private
 from planners.excavator.machine import EXCAVATOR
 from planners.excavator.motion import WORK_CYCLE
-from planners.excavator.newton_euler import torque_single
-from planners.excavator.plane import JOINTS, planar_dynamics, planar_payload
+from planners.excavator.plane import JOINTS, planar_dynamics
 from planners.typing import Array
 
 LOWEST = np.radians([-10.0, -110.0, -20.0])
@@ -70,27 +69,49 @@ def numbers_needed(horizon: float) -> tuple[int, int]:
 
 
 def dynamics_constants() -> dict[str, Any]:
-    """What the kernels read from the model record: the dynamics of the empty machine, and the heaviest payload."""
+    """What the kernels read from the model record: the empty machine for its controller, and the heaviest payload."""
     dynamics = planar_dynamics(EXCAVATOR)
     return {
         "chain_frames": dynamics.frames,
         "chain_gravity": dynamics.gravity,
         "chain_inertia": dynamics.inertia,
         "chain_drives": dynamics.drives,
-        "heaviest": planar_payload(HEAVIEST),
+        "heaviest_inertia": HEAVIEST * EXCAVATOR.payload.gyration_square(HEAVIEST),
         "torque_kernel": 0,
     }
 
 
-_inverse_dynamics = inlined(torque_single.py_func)  # type: ignore[attr-defined]  # a part of the kernel, its one caller
-
-
 def _torque(model: Any, loaded: int, motion: Array, tau: Array) -> None:
-    """Torques of a ``motion`` ``(3, n)``, with the heaviest payload or with none, written to ``tau`` ``(n,)``, N m."""
-    load = new_array(10)
-    for parameter in range(10):
-        load[parameter] = model.heaviest[parameter] if loaded else 0.0
-    _inverse_dynamics(empty_machine(model), load, motion[0], motion[1], motion[1], motion[2], tau)
+    """Torques of a ``motion`` ``(3, n)``, with the heaviest payload or with none, written to ``tau`` ``(n,)``, N m.
+
+    The equations of Newton and Euler for links in a plane, outwards and inwards.
+    """
+    lever, force, moment = new_array(N_JOINTS, 2), new_array(N_JOINTS, 2), new_array(N_JOINTS)
+    phi = w = spin = 0.0
+    ax, ay = 0.0, model.gravity  # of a link's joint; gravity as an upward acceleration of the base
+    for i in range(N_JOINTS):
+        phi, w, spin = phi + motion[0, i], w + motion[1, i], spin + motion[2, i]
+        com_x, com_y, mass = model.body_coms[i, 0], model.body_coms[i, 1], model.body_masses[i]
+        along, across = mass * com_x, mass * com_y
+        inertia = model.body_inertias[i] + along * com_x + across * com_y  # about the joint
+        if loaded and i == N_JOINTS - 1:
+            com_x, com_y = model.load_com[0], model.load_com[1]
+            mass, along, across = mass + HEAVIEST, along + HEAVIEST * com_x, across + HEAVIEST * com_y
+            inertia += model.heaviest_inertia + HEAVIEST * (com_x * com_x + com_y * com_y)
+        cos_phi, sin_phi = math.cos(phi), math.sin(phi)
+        x, y = along * cos_phi - across * sin_phi, along * sin_phi + across * cos_phi
+        force[i, 0] = mass * ax - spin * y - w * w * x
+        force[i, 1] = mass * ay + spin * x - w * w * y
+        moment[i] = inertia * spin + x * ay - y * ax
+        lever[i, 0], lever[i, 1] = model.lengths[i] * cos_phi, model.lengths[i] * sin_phi
+        ax -= spin * lever[i, 1] + w * w * lever[i, 0]
+        ay += spin * lever[i, 0] - w * w * lever[i, 1]
+    turning = pull_x = pull_y = 0.0
+    for k in range(N_JOINTS):
+        i = N_JOINTS - 1 - k
+        turning += moment[i] + lever[i, 0] * pull_y - lever[i, 1] * pull_x
+        pull_x, pull_y = pull_x + force[i, 0], pull_y + force[i, 1]
+        tau[i] = turning + model.friction[i] * motion[1, i]
 
 
 _TORQUE = Kernel(_torque)

@@ -75,7 +75,7 @@ class TestMotionProblem:
             ({"payload": math.nan}, "payload mass nan kg"),
             ({"target": FixedJoints([1.0, 1.0, 1.0])}, "target has 3 joint angles, the arm 2 joints"),
             ({"limits": JointLimits.unlimited(3)}, "limits are given for 3 joints, the arm has 2"),
-            ({"arm": PLANAR_3R}, r"q has shape \(2,\); it must have shape \(3,\)"),
+            ({"arm": PLANAR_3R}, r"q has shape \(2,\); it must have shape \(3,\) for the joints of the arm PLANAR_3R"),
         ],
     )
     def test_impossible_questions_are_refused_by_value(self, changes: dict[str, Any], message: str) -> None:

@@ -38,10 +38,8 @@ STAGES, MOST_STAGES = 96, 1000
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
 """Least and most samples a step, and largest time (s) between two if they are enough."""
 
-MOST_ACROSS = 10_000
-"""Samples, about, where joints are braked beside the path: they spin in a long horizon, and the search for the least
-clearance then takes its most at every sample.
-"""
+MOST_TOGETHER = 10_000
+"""Samples of a motion, about: of one that takes longer than `SAMPLING_STEP` times that, they are further apart."""
 
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
 """Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
@@ -299,9 +297,8 @@ def _sample(way: Way, profile: Profile | None) -> tuple[Array, Array, Array, Arr
         steps = np.insert(steps, stage, [way.r[stage], 0.0, 0.0, profile.rest], axis=1)
     begin = np.append(0.0, np.cumsum(steps[3]))
     parts = np.clip(np.ceil(steps[3] / SAMPLING_STEP), SAMPLES, MOST_SAMPLES).astype(int)
-    if way.across is not None:
-        share = np.maximum(steps[3] / steps[3].sum(), 1.0 / len(parts))
-        parts = np.minimum(parts, np.maximum(SAMPLES, np.ceil(MOST_ACROSS * share)).astype(int))
+    share = np.maximum(steps[3] / steps[3].sum(), 1.0 / len(parts))
+    parts = np.minimum(parts, np.maximum(SAMPLES, np.ceil(MOST_TOGETHER * share)).astype(int))
     step = np.repeat(np.arange(len(parts)), parts + 1)
     part = np.arange(len(step)) - (np.cumsum(parts + 1) - (parts + 1))[step]
     r, rate, acceleration, duration = steps[:, step]
