@@ -68,7 +68,7 @@ def test_ways_are_as_slow_as_documented() -> None:
 def test_drawing_ends_when_its_numbers_are_used_up() -> None:
     task = gym.make(ENV_ID).unwrapped.task  # type: ignore[attr-defined]
     model = task._batch.model.copy()
-    model["heaviest"] *= 10.0  # more than can be held anywhere
+    model["gravity"] *= 10.0  # nothing can be held anywhere
     draw_reference(task._batch.records, model, 0, np.random.default_rng(0).random(numbers_needed(12.0)))
     env = task.batch[0]
     count = int(env["n_waypoints"])
