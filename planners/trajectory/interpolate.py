@@ -24,7 +24,7 @@ ROUNDING = 1e-13
 """Angles carry this rounding, relative to their size; divided by the squared interval it is that of an acceleration."""
 
 SHORT = 1e-6
-"""Interval, as a fraction of the time at its end, in which rounding of times dominates a quintic: it is left as it is."""
+"""Interval, as a fraction of the time at its end, in which rounding of times dominates a quintic: left as it is."""
 
 INNER = 1e-6
 """Share of an interval, from either end, in which no turning point is looked for."""

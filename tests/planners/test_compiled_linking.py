@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from numba import njit, types
+from numba import jit, njit, types
 from numba.core.registry import cpu_target
 
 import envs  # noqa: F401  (registers the environments)
@@ -84,6 +84,72 @@ def test_an_array_of_another_shape_is_refused() -> None:
     assert target.sum() == 6.0
     with pytest.raises(ValueError, match="cannot assign slice from input of different shape"):
         assign(target, np.ones(2))
+
+
+@njit(inline="always")
+def _sum_to(n: int) -> int:
+    total = 0
+    for i in range(n):
+        if i == 7:
+            break
+        total += i
+    return total
+
+
+def test_functions_are_inlined_in_several_places_and_depths() -> None:
+    @njit(inline="always")
+    def twice(n: int) -> int:
+        return _sum_to(n) + _sum_to(n + 1)
+
+    @njit
+    def both(n: int) -> int:
+        return twice(n) * twice(2) + _sum_to(3)
+
+    plain = [sum(range(min(n, 7))) for n in range(11)]
+    assert [both(n) for n in range(10)] == [(plain[n] + plain[n + 1]) * (plain[2] + plain[3]) + 3 for n in range(10)]
+
+
+def test_generators_keep_what_they_need_between_two_values() -> None:
+    @njit
+    def running(values: Any) -> Any:
+        total, factor = 0.0, 2.0
+        for value in values:
+            total += factor * value
+            yield total
+
+    @njit
+    def last(values: Any) -> float:
+        found = -1.0
+        for value in running(values):
+            found = value
+        return found
+
+    assert last(np.arange(4.0)) == 12.0
+    assert list(running(np.arange(4.0))) == [0.0, 2.0, 6.0, 12.0]
+
+
+def test_object_mode_knows_the_variables_of_a_block() -> None:
+    @jit(forceobj=True, looplift=False)
+    def words(count: int) -> list[str]:
+        found, text = [], "a"
+        for i in range(count):
+            found.append(text * i if i != 1 else "one")
+        return found
+
+    assert words(3) == ["", "one", "aa"]
+
+
+def test_linear_algebra_imports_scipy_when_it_is_wanted() -> None:
+    code = """
+import sys, numpy as np, gymnasium as gym, envs
+from numba import njit
+env = gym.make("MinTorqueMove-v0")
+env.reset(seed=0)
+print("scipy.linalg" in sys.modules)
+print(njit(lambda a, b: np.linalg.solve(a, a @ b))(np.array([[2.0, 1.0], [0.0, 4.0]]), np.array([3.0, 5.0])))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
+    assert run.stdout == "False\n[3. 5.]\n"
 
 
 def test_a_version_of_numba_whose_internals_are_not_known_compiles_as_it_does(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_no_time_is_named_if_every_path_touches_an_obstacle_in_its_least_time() 
     base = Obstacle([0.0, 0.0], [0.0, 0.0], 0.05)
     problem = MotionProblem(arm, start, FixedHand([0.5, -0.6]), 0.1, obstacles=(base,))
     plan = VARIANTS["dpct", "torque"].plan
-    with pytest.raises(Infeasible, match="in their least times touch an obstacle; the horizon is 0.1 s") as refusal:
+    with pytest.raises(Infeasible, match=r"in their least times touch an obstacle; the horizon is 0\.1 s") as refusal:
         plan(problem)
     assert "minimum_time" not in refusal.value.details
     with pytest.raises(Infeasible, match="raise it") as refusal:

@@ -185,18 +185,18 @@ def _to_postures(problem: MotionProblem, objective: Objective, stages: int, fail
         measured.append(_among(problem, plan))
         if measured[-1].clearance >= 0.0:
             return measured[-1]
-    for refusal, target in failures:
-        if _time_helps(replace(problem, target=target), refusal, objective, stages):
-            raise refusal
+    for late, target in failures:
+        if _time_helps(replace(problem, target=target), late, objective, stages):
+            raise late
     if measured:
         return measured[0]  # to be refused with where it touches
-    least = min(cast(float, refusal.details["minimum_time"]) for refusal, _ in failures)
+    least = min(cast(float, late.details["minimum_time"]) for late, _ in failures)
     message = f"the straight paths take {rounded_up(least):.4g} s or more, and in their least times touch an obstacle"
     raise Infeasible("late", f"{message}; the horizon is {problem.horizon:.4g} s, try another planner")
 
 
 def _time_helps(problem: MotionProblem, refusal: Infeasible, objective: Objective, stages: int) -> bool:
-    """Whether the time that a path's refusal names leads to a motion that touches no obstacle; True if none is named."""
+    """Whether the time that a path's refusal names, if it does, leads to a motion that touches no obstacle."""
     enough = refusal.details.get("minimum_time")
     if not isinstance(enough, float) or not problem.obstacles:
         return True
