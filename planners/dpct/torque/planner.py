@@ -38,7 +38,7 @@ STAGES, MOST_STAGES = 96, 1000
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
 """Least and most samples a step, and largest time (s) between two if they are enough."""
 
-MOST_TOGETHER = 10_000
+MOST_TOGETHER = 4_000
 """Samples of a motion, about: of one that takes longer than `SAMPLING_STEP` times that, they are further apart."""
 
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
