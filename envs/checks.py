@@ -192,18 +192,18 @@ def untouched_when_refused(generators: Sequence[np.random.Generator]) -> Iterato
         raise
 
 
-def time_limit_of(env: gym.Env[Any, Any]) -> gym.wrappers.TimeLimit[Any, Any] | None:
-    """Gymnasium's `TimeLimit` around an environment that it is now resetting; None without one.
+def time_limits_of(env: gym.Env[Any, Any]) -> list[gym.wrappers.TimeLimit[Any, Any]]:
+    """Each of Gymnasium's `TimeLimit` around an environment that it is now resetting.
 
-    An environment does not know its wrappers, so this looks for one among the callers of ``reset``.
+    An environment does not know its wrappers, so this looks for them among the callers of ``reset``.
     """
-    frame = inspect.currentframe()
+    found, frame = [], inspect.currentframe()
     while frame is not None:
         caller = frame.f_locals.get("self")
-        if isinstance(caller, gym.wrappers.TimeLimit) and caller.unwrapped is env:
-            return caller
+        if isinstance(caller, gym.wrappers.TimeLimit) and caller.unwrapped is env and caller not in found:
+            found.append(caller)
         frame = frame.f_back
-    return None
+    return found
 
 
 def _shown(value: Any) -> str:

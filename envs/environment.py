@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import weakref
-from collections.abc import Callable
 from copy import deepcopy
 from inspect import cleandoc
 from threading import Lock
@@ -19,7 +18,7 @@ from envs.batch.exclusive import exclusive, refuse_second
 from envs.batch.records import reader
 from envs.batch.state import Episodes, State, episodes_of, set_generator, state_of_generator
 from envs.card import load
-from envs.checks import checked_actions, checked_options, checked_seed, time_limit_of, untouched_when_refused
+from envs.checks import checked_actions, checked_options, checked_seed, time_limits_of, untouched_when_refused
 from envs.infos import Info, TaskInfos
 from envs.observation import Observation
 from envs.physics.actuation import LIMIT_KINDS
@@ -134,7 +133,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._env = self.task.batch[0]
         self._read = reader(self.task.batch, 0, _READ)
         self._observation = self._env["observation"]
-        self._time_limit: Callable[[], gym.wrappers.TimeLimit[Any, Any] | None] = _no_time_limit
+        self._time_limits: list[weakref.ref[gym.wrappers.TimeLimit[Any, Any]]] = []
         self._in_use, self._closed = Lock(), False
 
     @exclusive
@@ -151,9 +150,9 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
             self.task.reset_envs([0], [generator], checked_options(options))
         self._np_random, self._np_random_seed = generator, used_seed
         self._needs_reset, self._begun = False, True
-        time_limit = time_limit_of(self)
-        self._time_limit = _no_time_limit if time_limit is None else weakref.ref(time_limit)
-        self._cut_after = 0 if time_limit is None else int(time_limit._max_episode_steps)
+        time_limits = time_limits_of(self)
+        self._time_limits = [weakref.ref(time_limit) for time_limit in time_limits]
+        self._cut_after = min((int(time_limit._max_episode_steps) for time_limit in time_limits), default=0)
         self._camera.begin()
         if self.render_mode is not None:
             self._follow()
@@ -221,20 +220,31 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
         self._begun, (self._needs_reset,) = episodes.begun, episodes.over
         self._needs_reset |= 0 < self._cut_after <= int(self._env["step"])
         (self._camera.trail,) = episodes.trails
-        time_limit = self._time_limit()
-        if time_limit is not None:
+        self._set_elapsed()
+
+    def _set_elapsed(self) -> None:
+        """Let the time limits around this environment know its step."""
+        for time_limit in self._living_limits():
             time_limit._elapsed_steps = int(self._env["step"])  # type: ignore[assignment]
+
+    def _living_limits(self) -> list[gym.wrappers.TimeLimit[Any, Any]]:
+        """The time limits around this environment that there still are."""
+        return [time_limit for each in self._time_limits if (time_limit := each()) is not None]
 
     def __getstate__(self) -> Info:
         kept = {name: getattr(self, name) for name in ("spec", "_cut_after", "_closed")}
-        return {**EzPickle.__getstate__(self), **kept, "episode": self.get_state(), "time_limit": self._time_limit()}
+        return {
+            **EzPickle.__getstate__(self),
+            **kept,
+            "episode": self.get_state(),
+            "time_limits": self._living_limits(),
+        }
 
     def __setstate__(self, kept: Info) -> None:
         EzPickle.__setstate__(self, kept)
         self.set_state(kept["episode"])
         self.spec, self._cut_after = kept["spec"], kept["_cut_after"]
-        if kept["time_limit"] is not None:
-            self._time_limit = weakref.ref(kept["time_limit"])
+        self._time_limits = [weakref.ref(time_limit) for time_limit in kept["time_limits"]]
         if kept["_closed"]:
             self.close()
 
@@ -252,8 +262,7 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def resume(self) -> Observation:
         """The observation after a control of the task's card was used; an episode that was over goes on."""
         self._needs_reset = False
-        if (time_limit := self._time_limit()) is not None:
-            time_limit._elapsed_steps = int(self._env["step"])  # type: ignore[assignment]
+        self._set_elapsed()
         observation: Observation = self._observation.copy()
         return observation
 
@@ -268,10 +277,6 @@ class PlanarArmEnv(gym.Env[Observation, NDArray[np.float32]], EzPickle):
     def _require_open(self) -> None:
         if self._closed:
             raise gym.error.ClosedEnvironmentError("the environment is closed: make another one")
-
-
-def _no_time_limit() -> None:
-    """Of an environment that no `TimeLimit` wraps."""
 
 
 def make_task(task_type: type[Any] | str, config: Info, num_envs: int, render_mode: str | None, metadata: Info) -> Task:

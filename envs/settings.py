@@ -37,9 +37,10 @@ class Settings(BaseModel):
         if isinstance(given, Mapping):
             refuse_unknown(given, cls.model_fields, "setting")
             for name, value in given.items():
-                kinds = list(_kinds(cls.model_fields[name].annotation))
-                if isinstance(value, bool) and {int, float} & {*kinds} and bool not in kinds:
-                    raise ValueError(f"{name} {value} must be a number")
+                kinds = {*_kinds(cls.model_fields[name].annotation)}
+                for one in _leaves(value):
+                    if isinstance(one, bool | str) and {int, float} & kinds and not {type(one), Literal, Any} & kinds:
+                        raise ValueError(f"{name} = {brief(value)}: {brief(one)} must be a number")
         return given
 
     @classmethod
@@ -93,12 +94,23 @@ class Settings(BaseModel):
 
 
 def _kinds(annotation: Any) -> Iterator[Any]:
-    """The types that an annotation is made of, without those inside of others."""
-    if get_origin(annotation) in (Union, UnionType):
-        for part in get_args(annotation):
+    """The types that an annotation is made of; `Literal` stands for each of its kind."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        yield Literal
+    elif origin is Annotated:
+        yield from _kinds(parts[0])
+    elif parts:
+        for part in parts:
             yield from _kinds(part)
     else:
-        yield get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+        yield annotation
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """A value, or those in a list or tuple of them."""
+    for one in value if isinstance(value, list | tuple) else [value]:
+        yield from _leaves(one) if isinstance(one, list | tuple) else [one]
 
 
 def _causes(errors: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:

@@ -58,16 +58,20 @@ class Takes:
     arrives: Literal["early", "on time"] = "early"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.links, Iterable):
-            raise ValueError(f"links {brief(self.links)} must be numbers of links, as in (2, 3)")
+        for name, example in {"links": (2, 3), "keeps": ("velocity",), "needs": ("velocity",)}.items():
+            given = getattr(self, name)
+            if isinstance(given, str) or not isinstance(given, Iterable):
+                raise ValueError(f"{name} {brief(given)} must be several, as in {example}")
+            object.__setattr__(self, name, tuple(given))
+        if not self.links:
+            raise ValueError("links () must be one number of links or more, as in (2, 3)")
         for count in self.links:
             checked_count("links", count)
         require_choice("obstacles", self.obstacles, ("avoided", "checked"))
         require_choice("arrives", self.arrives, ("early", "on time"))
-        for name in ("keeps", "needs"):
-            if isinstance(kinds := getattr(self, name), str):
-                raise ValueError(f"{name} {kinds!r} must be several kinds of limit, as in ({kinds!r},)")
-            refuse_unknown(kinds, LIMIT_KINDS, "kind of limit")
+        require_choice("accelerating", self.accelerating, (True, False))
+        refuse_unknown(self.keeps, LIMIT_KINDS, "kind of limit")
+        refuse_unknown(self.needs, self.keeps, "kind of limit that it needs, of those that it keeps")
         require_finite("precision", self.precision, sign="not negative")
 
     def objection(self, problem: MotionProblem) -> str | None:
@@ -214,6 +218,8 @@ def register(name: str, plan: Callable[..., Trajectory], takes: Mapping[TargetKi
         ValueError: if planarm itself has a planner or a policy of this name, or the name is not an identifier.
         TypeError: if ``plan`` cannot be called, or ``takes`` does not map kinds of target to `Takes`.
     """
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a planner is a text, not {brief(name)}")
     if not callable(plan):
         raise TypeError(f"the planner {name} is {brief(plan)}; give a function of a MotionProblem")
     if takes is not None and not (isinstance(takes, Mapping) and set(takes) <= set(TARGETS.values())):
@@ -258,8 +264,8 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
 
     Args:
         problem: the motion asked for.
-        planner: such as ``"dpct"``; when left out, all that take the problem are tried in turn until one solves it,
-            first those that avoid obstacles where there are any.
+        planner: such as ``"dpct"``; when left out, all that take the problem and promise to solve it are tried in turn
+            until one does, first those that avoid obstacles where there are any.
         variant: of the planner; its default when left out.
         options: of the variant.
 
@@ -273,7 +279,9 @@ def plan(problem: MotionProblem, planner: str | None = None, variant: str | None
         return plan_variant(planner, variants_of(planner)[0] if variant is None else variant, problem, options)
     if variant is not None or options:
         raise ValueError("a variant and options need a planner: give planner, such as 'dpct'")
-    able = [entry for entry in all_variants().values() if entry.name != "paper" and entry.objection(problem) is None]
+    if not isinstance(problem, MotionProblem):
+        raise TypeError(f"plan takes a MotionProblem, not {type(problem).__name__}")
+    able = _able(problem)
     if not able:
         raise ValueError(f"no planner takes this problem: {'; '.join(_objections(problem))}")
     kind = TARGETS[type(problem.target)]

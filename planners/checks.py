@@ -20,7 +20,7 @@ LARGEST = 1e100
 
 def is_number(value: Any) -> bool:
     """Whether a value is a single number, of Python or of NumPy."""
-    if isinstance(value, bool | np.bool_) or value is np.ma.masked:
+    if isinstance(value, bool | np.bool_) or is_masked(value):
         return False
     if isinstance(value, int) and value.bit_length() > 1023:  # beyond what a float holds
         return False
@@ -28,7 +28,9 @@ def is_number(value: Any) -> bool:
 
 
 def is_masked(given: Any) -> bool:
-    """Whether an array hides some of its numbers."""
+    """Whether an array, or one in a list or tuple, hides some of its numbers."""
+    if isinstance(given, list | tuple):
+        return any(isinstance(one, list | tuple | np.ma.MaskedArray) and is_masked(one) for one in given)
     return isinstance(given, np.ma.MaskedArray) and bool(np.ma.is_masked(given))
 
 
@@ -42,11 +44,13 @@ def rounded_up(value: float) -> float:
 def float_array(name: str, given: Any) -> NDArray[np.float64]:
     """A new array of floats, of a number or of numbers in any nesting; ValueError for text, truth values and others."""
     try:
+        if is_masked(given):
+            raise ValueError
         array = np.array(given)
         fine = array.dtype.kind in "iuf" or (array.dtype.kind == "O" and all(map(is_number, array.flat)))
         if fine and not isinstance(given, np.ndarray):  # True among numbers would become 1.0
             fine = all(map(is_number, np.array(given, dtype=object).flat))
-        if fine and not is_masked(given):
+        if fine:
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass

@@ -72,7 +72,9 @@ def parse_json(text: str, what: str) -> Any:
     """The value of a JSON text; ``what`` it is, for messages. Raises ValueError as `read_document` does."""
     try:
         return _checked(json.loads(text, object_pairs_hook=_unique))
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise ValueError(f"{what} is no JSON: more than {DEEPEST} levels of lists and mappings") from None
+    except ValueError as error:
         raise ValueError(f"{what} is no JSON: {str(error)[:_LONGEST]}") from None
 
 
@@ -127,14 +129,20 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
 
 
 def _whole_number(loader: _PlainLoader, node: yaml.ScalarNode) -> Any:
-    """A whole number as YAML 1.2 reads it: 010 is ten, and 1:30 is text."""
+    """A whole number as YAML 1.2 reads it: 010 is ten; 1:30, 1_0 and 0b11 are texts."""
     text = str(node.value)
     if re.fullmatch(r"[-+]?0[0-9]+", text):
         return int(text, 10)
-    return text if ":" in text else loader.construct_yaml_int(node)
+    return text if re.search("[:_b]", text) else loader.construct_yaml_int(node)
+
+
+def _fraction(loader: _PlainLoader, node: yaml.ScalarNode) -> Any:
+    """A number with a point as YAML 1.2 reads it: 1:30.5 and 1_0.5 are texts."""
+    return node.value if re.search("[:_]", node.value) else loader.construct_yaml_float(node)
 
 
 _PlainLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+_PlainLoader.add_constructor("tag:yaml.org,2002:float", _fraction)
 _POWER_OF_TEN = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _PlainLoader.add_implicit_resolver("tag:yaml.org,2002:float", _POWER_OF_TEN, list("-+.0123456789"))
 

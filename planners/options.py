@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import types
 from collections.abc import Callable, Mapping
@@ -27,8 +28,17 @@ def checked_options(function: Callable[..., Any], given: Mapping[str, Any]) -> d
     return {name: _checked(name, value, hints[name]) if name in hints else value for name, value in given.items()}
 
 
-@cache
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """The types that a function declares; none of a user's own whose types cannot be found."""
+    named = function if inspect.isroutine(function) else getattr(function, "func", type(function).__call__)
+    try:
+        return _declared(named)
+    except (NameError, TypeError):
+        return {}
+
+
+@cache
+def _declared(function: Callable[..., Any]) -> dict[str, Any]:
     return get_type_hints(function)
 
 

@@ -198,7 +198,7 @@ def _require_kinds(problem: MotionProblem) -> None:
     """Raise ValueError for what is of another kind than a problem needs; make a tuple of the obstacles."""
     if not isinstance(problem.arm, Arm):
         raise ValueError(f"arm {problem.arm!r:.80} is no Arm; planners.load_arm makes one of a name or a file")
-    if not isinstance(problem.target, FixedJoints | FixedHand | MovingHand):
+    if type(problem.target) not in (FixedJoints, FixedHand, MovingHand):  # also what is derived from them
         raise ValueError(
             f"target {problem.target!r:.80} is no target; give FixedJoints(q), FixedHand(position) or "
             "MovingHand(position, velocity)"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import envs
+from planners.checks import is_masked
 from planners.typing import Array
 
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
@@ -167,6 +168,8 @@ class Actor:
             )
         if actions.dtype.kind not in "fiub":
             raise ValueError(f"{self._name} gave actions of type {actions.dtype}; expected numbers in [-1, 1]")
+        if is_masked(answer[0]):
+            raise ValueError(f"{self._name} gave masked actions: what is hidden is no number")
         if not np.isfinite(actions).all():
             row = int(np.flatnonzero(~np.isfinite(actions).reshape(self._shape[0], -1).all(axis=1))[0])
             raise ValueError(

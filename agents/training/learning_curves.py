@@ -68,16 +68,19 @@ def read_curve(folder: Path) -> Curve:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"cannot read {path}, which a run writes at its first evaluation: {error}") from None
     try:
+        if not rows:
+            raise ValueError("it has no row")
         expert = rows[0].get("expert", "")
-        columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "expert"}
         for name in ("steps", "seconds", "success", "return", *(("expert_success", "expert_return") if expert else ())):
-            columns[name]  # a KeyError if it is missing
+            if name not in rows[0]:
+                raise ValueError(f"it has no column {name}")
+        columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0] if name != "expert"}
         if not (np.isfinite([columns["steps"], columns["seconds"]]).all() and np.all(np.diff(columns["steps"]) > 0.0)):
             raise ValueError("steps and seconds must be finite, and steps must grow from row to row")
         if np.isnan([columns["success"], columns["return"]]).any():
             raise ValueError("success and return must be numbers")
-    except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__} {str(error)[:200]}") from None
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path} is damaged: {str(error)[:200]}") from None
     return Curve(folder, config, expert, columns)
 
 

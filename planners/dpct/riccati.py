@@ -9,11 +9,15 @@ not change from stage to stage. The problem is to find steps that minimise
 over ``u`` and ``y``. The value function of every stage (eq 29, 30 of "Motion Planning of a Robot Manipulator for
 Conveyor Tracking", on quadratics in place of a grid) is ``x'P x / 2 + p'x + nu'(E x + d) + nu'W nu / 2``, linear in
 the multiplier ``nu`` of the end condition; ``nu`` and ``y`` follow from its saddle point at the start.
+
+Products of matrices call SciPy's BLAS. It is imported here, because Numba would import it in the middle of compiled
+code, where an interrupt of the import ends the process.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import cython_blas  # noqa: F401
 
 from planners.compiled.calls import dividing, private
 from planners.typing import Array

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,7 @@ LIMIT_KEYS: dict[str, tuple[LimitKind, float]] = {
 }
 """Kind of limit that each key of ``limits`` sets, and its unit in SI."""
 
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?inf")
 _SI_KEYS = {kind: key for key, (kind, unit) in LIMIT_KEYS.items() if unit == 1.0}
 
 
@@ -144,7 +146,7 @@ def _limits(document: Any) -> JointLimits:
 
 
 def _numbers(value: Any, unit: float = 1.0, *, limits: bool = False) -> Any:
-    """Numbers of a document in SI units: YAML reads 1e-3 as a text; a limit of null is none. Others as they are."""
+    """Numbers of a document in SI units: YAML 1.1 reads 1e-3 as a text; a limit of null is none. Others as they are."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
@@ -152,8 +154,7 @@ def _numbers(value: Any, unit: float = 1.0, *, limits: bool = False) -> Any:
     if value is None:
         return math.inf if limits else ()
     if isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
+        if not _NUMBER.fullmatch(value):
             return value
+        value = float(value)
     return value * unit if isinstance(value, int | float) and not isinstance(value, bool) and unit != 1.0 else value

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.checks import brief, float_array, floats, is_number, require_shape
+from planners.checks import LARGEST, brief, float_array, floats, is_number, require_shape
 from planners.problem import ByValue, MotionProblem
 from planners.robot.limits import LIMIT_KINDS
 from planners.trajectory.interpolate import insert_turning_points, interpolate
@@ -225,11 +225,13 @@ def sampled_trajectory(
     if times.ndim != 1 or len(times) < 2 or any(values.shape != (len(times), n) for values in motion):
         shapes = ", ".join(str(values.shape) for values in (times, *motion))
         raise ValueError(f"t, q, qd and qdd have shapes {shapes}; give (samples,) and three of (samples, {n})")
-    if not all(np.isfinite(values).all() for values in (times, *motion)):
-        raise NoMotion("t, q, qd and qdd must be finite; some are NaN or inf")
+    if not all((np.abs(values) <= LARGEST).all() for values in (times, *motion)):
+        raise NoMotion(f"t, q, qd and qdd must be finite, at most {LARGEST:g} in size; some are NaN, inf or larger")
     rising = np.maximum.accumulate(times)
-    if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] > 0.0:
-        raise NoMotion("the times of the samples must begin at 0 and never fall")
+    if times[0] != 0.0 or (rising - times > FALL * times[-1]).any() or not times[-1] >= 1.0 / LARGEST:
+        raise NoMotion(
+            f"the times of the samples must begin at 0, never fall, and end after {1.0 / LARGEST:g} s or more"
+        )
     samples = _same_times(rising), motion[0], motion[1], motion[2]
     for _ in range(MOST_TURNS):
         count = len(samples[0])

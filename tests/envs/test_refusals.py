@@ -267,6 +267,30 @@ def test_a_time_limit_of_gymnasium_ends_with_the_same_info(env_id: str) -> None:
         np.testing.assert_array_equal(infos["final_info"][key][0], value, err_msg=key)
 
 
+@pytest.mark.parametrize(("inner", "outer"), [(50, 5), (5, 50)])
+def test_the_least_of_several_time_limits_ends_an_episode(inner: int, outer: int) -> None:
+    env = gym.wrappers.TimeLimit(gym.make("ObstacleDodge-v0", max_episode_steps=inner), outer)
+    env.reset(seed=0)
+    state = env.unwrapped.get_state()  # type: ignore[attr-defined]
+    for _ in range(2):
+        still = np.zeros(env.action_space.shape or 0, np.float32)
+        *_, truncated, info = [env.step(still) for _ in range(5)][-1]
+        assert truncated
+        assert info["min_clearance"] > 0.0
+        env.unwrapped.set_state(state)  # type: ignore[attr-defined]
+
+
+def test_truth_values_and_texts_are_no_numbers_in_settings() -> None:
+    for name, given in {
+        "horizon": "8",
+        "mass_error": (True, 0.1),
+        "latency": ("0", 0.01),
+        "payload": [0.0, "1"],
+    }.items():
+        with pytest.raises(ValueError, match=f"{name} .* must be a number"):
+            gym.make("ConveyorTrack-v0", **{name: given})
+
+
 def test_an_excavator_episode_cut_while_judged_has_the_errors_so_far() -> None:
     finals = []
     for settings in ({"max_episode_steps": 300}, {}):

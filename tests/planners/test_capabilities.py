@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -251,6 +252,42 @@ def test_a_motion_is_checked_against_the_problem_that_was_asked(registered: Call
         planners.plan(move(), "stub")
 
 
+def test_what_a_planner_takes_may_be_given_by_generators(registered: Callable[..., None]) -> None:
+    takes = Takes(links=(n for n in (1, 2)), keeps=(kind for kind in planners.robot.limits.LIMIT_KINDS))  # type: ignore[arg-type]
+    registered(ignoring, {"joints": takes})
+    assert [planners.plan(move(), "stub").duration for _ in range(2)] == [4.0, 4.0]
+
+
+def test_no_motion_without_a_promise_is_the_answer_where_no_planner_is_named(registered: Callable[..., None]) -> None:
+    def fails(problem: MotionProblem) -> Trajectory:
+        raise KeyError("own")
+
+    for own in (ignoring, fails):
+        registered(own)
+        with pytest.raises(Infeasible):
+            planners.plan(move(target=FixedHand([9.0, 9.0])))
+    with pytest.raises(KeyError, match="own"):
+        planners.plan(move(), "stub")
+
+
+def test_any_callable_plans(registered: Callable[..., None]) -> None:
+    class Planner:
+        __hash__ = None  # type: ignore[assignment]
+
+        def __call__(self, problem: MotionProblem, share: float = 1.0) -> Trajectory:
+            return ignoring(problem)
+
+    def strange(problem: "Nowhere") -> Trajectory:  # type: ignore[name-defined]  # noqa: F821, UP037
+        return ignoring(problem)
+
+    for own in (functools.partial(ignoring), Planner(), strange):
+        registered(own)
+        assert planners.plan(move(), "stub").planner
+    registered(Planner())
+    with pytest.raises(ValueError, match="option share 'x' must be a number"):
+        planners.plan(move(), "stub", share="x")
+
+
 @pytest.mark.parametrize("result", [None, 3, "motion"])
 def test_a_planner_that_returns_no_motion_is_named(registered: Callable[..., None], result: object) -> None:
     for takes in (None, {"joints": Takes()}):
@@ -277,11 +314,15 @@ def test_what_is_no_planner_is_not_registered(plan: Any, takes: Any, message: st
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"links": 2}, r"links 2 must be numbers of links, as in \(2, 3\)"),
+        ({"links": 2}, r"links 2 must be several, as in \(2, 3\)"),
+        ({"links": ()}, r"links \(\) must be one number of links or more"),
         ({"links": (0, 2)}, "links 0 must be a whole number"),
         ({"obstacles": "avoid"}, "obstacles 'avoid' must be one of 'avoided', 'checked'"),
-        ({"keeps": "angle"}, r"keeps 'angle' must be several kinds of limit, as in \('angle',\)"),
-        ({"needs": ("speed",)}, 'unknown kind of limit "speed"'),
+        ({"keeps": "angle"}, r"keeps 'angle' must be several, as in \('velocity',\)"),
+        ({"keeps": None}, "keeps None must be several"),
+        ({"needs": ("velocity",), "keeps": ("angle",)}, r'"velocity" .*\(known: angle\)'),
+        ({"accelerating": "no"}, "accelerating 'no' must be one of True, False"),
+        ({"needs": ("speed",)}, 'unknown kind of limit that it needs, of those that it keeps "speed"'),
         ({"precision": math.nan}, "precision nan must be finite"),
         ({"arrives": "late"}, "arrives 'late' must be one of"),
     ],

@@ -108,3 +108,27 @@ def test_an_interrupt_anywhere_in_a_plan_is_a_keyboard_interrupt() -> None:
     met = dict(line.split() for line in done.stdout.splitlines())
     assert list(met) == ["optimal", "timing", "torque", "via", "field"]
     assert all(int(count) >= 5 for count in met.values()), met
+
+
+def test_an_interrupt_while_scipy_is_imported_is_a_keyboard_interrupt() -> None:
+    """Compiled products of matrices need it: imported in the middle of them, it would end the process."""
+    code = """
+import signal, sys
+from planners import SCARA_50CM, FixedHand, MotionProblem, plan
+
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == "scipy.linalg":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts())
+problem = MotionProblem(SCARA_50CM, [0.0, 1.0], FixedHand([0.4, 0.4]), 3.0)
+try:
+    plan(problem)
+except KeyboardInterrupt:
+    print("interrupted")
+del sys.meta_path[0]
+print(plan(problem).planner)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert (run.returncode, run.stdout) == (0, "interrupted\ndpct (optimal)\n"), run.stderr

@@ -52,8 +52,19 @@ def test_a_masked_value_is_no_limit() -> None:
     for kind in ("torque", "angle"):
         with pytest.raises(ValueError, match=f"{kind} limits"):
             JointLimits(**{kind: hidden})
-    with pytest.raises(ValueError, match="horizon"):
-        MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), np.ma.masked)
+    for one in (np.ma.masked, np.ma.array(1.0, mask=True)):
+        with pytest.raises(ValueError, match=r"horizon [\s\S]*must be a finite number$"):
+            MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), one)
+    with pytest.raises(ValueError, match="torque limits"):
+        JointLimits(torque=[hidden[0], hidden[1]])
+    with pytest.raises(ValueError, match=r"q .* must be numbers"):
+        sampled_trajectory(
+            MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), 1.0),
+            [0.0, 1.0],
+            [hidden, np.zeros(2)],  # type: ignore[list-item]
+            *np.zeros((2, 2, 2)),
+            planner="test",
+        )
 
 
 def test_an_angle_is_a_number_or_a_pair() -> None:

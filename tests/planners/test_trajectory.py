@@ -225,12 +225,18 @@ class TestLimitRatios:
         motion = sampled_trajectory(problem(JointLimits(jerk=1e-3)), t, *rows, planner="test")
         assert motion.limit_ratios["jerk"] < 1e-3
 
-    def test_torques_beyond_numbers_are_no_small_load(self) -> None:
-        rows = np.zeros((3, 2, 2))
-        rows[1] = 1e200
-        with np.errstate(all="ignore"):
-            motion = sampled_trajectory(problem(JointLimits(torque=1.0)), [0.0, 1.0], *rows, planner="test")
-        assert motion.limit_ratios["torque"] == math.inf
+    @pytest.mark.parametrize(("name", "row", "value"), [("q", 0, 1e308), ("qd", 1, 1e200), ("t", 3, 1e308)])
+    def test_numbers_whose_products_are_none_are_refused(self, name: str, row: int, value: float) -> None:
+        rows: Array = np.zeros((3, 2, 2))
+        times = np.array([0.0, value if name == "t" else 1.0])
+        rows[min(row, 2), 1, 0] = 0.0 if name == "t" else value
+        with pytest.raises(ValueError, match=r"must be finite, at most 1e\+100 in size"):
+            sampled_trajectory(problem(), times, *rows, planner="test")
+
+    @pytest.mark.parametrize("duration", [5e-324, 1e-200])
+    def test_a_motion_takes_time(self, duration: float) -> None:
+        with pytest.raises(ValueError, match="end after 1e-100 s or more"):
+            sampled_trajectory(problem(), [0.0, duration], *np.zeros((3, 2, 2)), planner="test")
 
 
 class TestClearance:
