@@ -54,7 +54,7 @@ def float_array(name: str, given: Any) -> NDArray[np.float64]:
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise ValueError(f"{name} {given!r:.80} must be numbers, as in (0.4, 0.3)")
+    raise ValueError(f"{name} {brief(given, 80)} must be numbers, as in (0.4, 0.3)")
 
 
 def floats(name: str, given: Any) -> NDArray[np.float64]:
@@ -65,7 +65,7 @@ def floats(name: str, given: Any) -> NDArray[np.float64]:
 def require_finite(name: str, value: float, unit: str = "", sign: Sign = "", most: float = LARGEST) -> None:
     """Raise ValueError if a number is not finite, is larger than ``most``, or does not have the sign."""
     if not is_number(value):
-        raise ValueError(f"{name} {value!r:.80} must be a finite number")
+        raise ValueError(f"{name} {brief(value, 80)} must be a finite number")
     size = float(value)  # a float32 cannot be compared with LARGEST
     if not _LEAST[sign] <= size <= most or size < -most:
         _refuse(f"{name} {value} {unit}".rstrip(), sign, most if math.isfinite(value) else math.inf)
@@ -143,8 +143,8 @@ def require_choice(name: str, value: object, allowed: Iterable[object]) -> None:
 
 
 def brief(value: object, longest: int = 120) -> str:
-    """A value as Python writes it, cut after so many characters, for messages."""
-    text = repr(value)
+    """A value as Python writes it, in one line, cut after so many characters, for messages."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= longest else f"{text[:longest]}..."
 
 

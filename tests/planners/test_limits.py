@@ -53,7 +53,7 @@ def test_a_masked_value_is_no_limit() -> None:
         with pytest.raises(ValueError, match=f"{kind} limits"):
             JointLimits(**{kind: hidden})
     for one in (np.ma.masked, np.ma.array(1.0, mask=True)):
-        with pytest.raises(ValueError, match=r"horizon [\s\S]*must be a finite number$"):
+        with pytest.raises(ValueError, match=r"horizon .* must be a finite number$"):
             MotionProblem(SCARA_50CM, np.zeros(2), FixedJoints(np.ones(2)), one)
     with pytest.raises(ValueError, match="torque limits"):
         JointLimits(torque=[hidden[0], hidden[1]])
