@@ -115,7 +115,7 @@ def test_numbers_are_numbers(call: Callable[[Any], object], wrong: Any) -> None:
         ("d1", lambda: ChainGeometry("1", 1.0, 1.0, 0.0, 0.0, 1.0)),  # type: ignore[arg-type]
         ("x: link 1", lambda: Excavator("x", EXCAVATOR.geometry, (1, 2, 3, 4, 5), JointLimits())),  # type: ignore[arg-type]
         ("percent", lambda: PayloadShape().mass(-5.0)),
-        ("MinTorqueMove-v0 setting: horizon True", lambda: gym.make("MinTorqueMove-v0", horizon=True)),
+        ("MinTorqueMove-v0 setting: horizon = True", lambda: gym.make("MinTorqueMove-v0", horizon=True)),
         ("cannot write a.json", lambda: agents.save_agent(agents.load_agent("MinTorqueMove-v0"), "a.json")),
     ],
 )  # fmt: skip
