@@ -208,12 +208,19 @@ def _interrupt(frame: FrameType | None) -> None:
 
 
 def _bears_exceptions(frame: FrameType | None) -> bool:
-    """Whether a frame is not called by Numba's conversion of results, which dies of an exception.
+    """Whether a frame is not called by Numba's conversion of results, which dies of an exception, or by LLVM, which
+    drops it.
 
-    That unpickles the class of a named tuple and calls its ``__new__``, which is compiled from a string.
+    The conversion unpickles the class of a named tuple and calls its ``__new__``, which is compiled from a string.
     """
     if frame is None:
         return True
     file = frame.f_code.co_filename
     here = file == __file__  # the handler's own frames, above the one that it interrupts
-    return not here and not file.startswith("<") and not file.endswith(os.path.join("numba", "core", "serialize.py"))
+    if here or file.startswith("<") or file.endswith(os.path.join("numba", "core", "serialize.py")):
+        return False
+    while frame is not None:
+        if frame.f_code.co_name == "_raw_object_cache_notify":
+            return False
+        frame = frame.f_back
+    return True

@@ -310,3 +310,20 @@ def test_ctrl_c_waits_while_numba_converts_a_result(file: str) -> None:
     with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
         call()
     assert passed == ["converted"]
+
+
+def test_an_interrupt_waits_for_the_end_of_what_llvm_calls() -> None:
+    """It would drop the exception, and the command would go on."""
+    reached = []
+
+    def _raw_object_cache_notify() -> None:
+        signal.raise_signal(signal.SIGTERM)
+        reached.append(len("in the callback"))
+
+    def after() -> None:
+        reached.append("too far")
+
+    with pytest.raises(KeyboardInterrupt), catch_interrupt(at_once=True):
+        _raw_object_cache_notify()
+        after()
+    assert reached == [15]
