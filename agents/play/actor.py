@@ -126,14 +126,18 @@ class PlayedPolicy:
         """Largest payload that `load` takes, kg; None where it is not the task's to be loaded."""
         return 0.5 * self.task.arm.masses[-1] if self.card.links else None
 
+    def check_payload(self, mass: float) -> None:
+        """Raise ValueError for an unknown payload, kg, that `load` does not take; 0 is nowhere refused."""
+        if not 0.0 <= mass <= (self.heaviest or 0.0):
+            raise ValueError(f"payload {mass} kg must be from 0 to {self.heaviest or 0.0:g} kg")
+
     def load(self, mass: float) -> None:
         """Give the hand another unknown payload, kg; nobody plans anew.
 
         Raises:
             ValueError: for a payload that is not allowed.
         """
-        if self.heaviest is None or not 0.0 <= mass <= self.heaviest:
-            raise ValueError(f"payload {mass} kg must be from 0 to {self.heaviest or 0.0:g} kg")
+        self.check_payload(mass)
         self.settings = {**self.settings, "payload": mass}
         env, before = make_one(self.env_id, self.named.settings(self.settings)), self._env
         env.reset(seed=0)

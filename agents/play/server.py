@@ -20,7 +20,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from agents.console import COMPILING
-from agents.play.session import Message, Session, catalogue, first_policy
+from agents.play.session import Message, Session, catalogue, failure, first_policy
 from envs.rendering.document import palette_document
 
 HOST = "127.0.0.1"
@@ -73,7 +73,9 @@ def application(
                 "palette": palette_document(),
             }
         )
-        await _Page(socket, Session(allow_code=allow_code, settings=settings, levels=levels)).run()
+        offered = tuple(first["policies"])
+        session = Session(allow_code=allow_code, settings=settings, levels=levels, offered=offered)
+        await _Page(socket, session).run()
 
     routes = [Route(f"/{name}", _file) for name in _FILES]
     middleware = [Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])]
@@ -110,7 +112,9 @@ class _Page:
             _, unfinished = await asyncio.wait([reader, writer], return_when=asyncio.FIRST_COMPLETED)
             for each in unfinished:
                 each.cancel()
-            await asyncio.gather(reader, writer, return_exceptions=True)
+            for ended in await asyncio.gather(reader, writer, return_exceptions=True):
+                if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect):
+                    raise ended  # unexpected: the server prints it, and closes the page's socket
         finally:
             if self._bounding is not None:
                 self._bounding.cancel()
@@ -118,39 +122,28 @@ class _Page:
             self._thread.shutdown(wait=False)
 
     async def _read(self) -> None:
-        try:
-            while True:
-                text = await self._socket.receive_text()
-                try:
-                    if len(text) > LONGEST_MESSAGE:
-                        raise ValueError(f"a message of {len(text)} characters; at most {LONGEST_MESSAGE}")
-                    document = json.loads(text)
-                    if not isinstance(document, dict):
-                        raise ValueError("a message must be a JSON object")
-                    await self._inbox.put(Message.parse(document, "message"))
-                except (ValueError, RecursionError) as error:
-                    await self._complain(error)
-        except WebSocketDisconnect:
-            return
+        """Put the page's messages into the inbox until the page has gone."""
+        while (received := await self._socket.receive())["type"] == "websocket.receive":
+            try:
+                await self._inbox.put(_message(received.get("text")))
+            except (ValueError, RecursionError) as error:
+                await self._complain(error)
 
     async def _play(self) -> None:
         loop = asyncio.get_running_loop()
         last = loop.time()
-        try:
-            while True:
-                began = loop.time()
-                answers, frame = await self._explain_waiting(
-                    loop.run_in_executor(self._thread, self._advance, began - last, self._messages())
-                )
-                last = began
-                for answer in answers:
-                    await self._socket.send_json(answer)
-                    if answer["kind"] == "episode":
-                        self._find_bound()
-                await self._socket.send_text(json.dumps(frame, separators=(",", ":")))
-                await asyncio.sleep(max(0.0, began + 1.0 / FRAMES - loop.time()))
-        except (WebSocketDisconnect, RuntimeError):  # sending to a page that has gone
-            return
+        while True:
+            began = loop.time()
+            answers, frame = await self._explain_waiting(
+                loop.run_in_executor(self._thread, self._advance, began - last, self._messages())
+            )
+            last = began
+            for answer in answers:
+                await self._send(answer)
+                if answer["kind"] == "episode":
+                    self._find_bound()
+            await self._send(frame)
+            await asyncio.sleep(max(0.0, began + 1.0 / FRAMES - loop.time()))
 
     async def _explain_waiting(self, advancing: asyncio.Future[_Advanced]) -> _Advanced:
         """Wait for the page's thread; every second the page is sent what it is waiting for."""
@@ -158,7 +151,7 @@ class _Page:
         while not (await asyncio.wait({advancing}, timeout=PATIENCE))[0]:
             count = COMPILING.functions - compiled
             text = f"Compiling, once: {count} functions so far. Later runs load them." if count else "Computing …"
-            await self._socket.send_json({"kind": "wait", "text": text})
+            await self._send({"kind": "wait", "text": text})
         return advancing.result()
 
     def _find_bound(self) -> None:
@@ -171,8 +164,8 @@ class _Page:
 
     async def _send_bound(self, compute: Callable[[], str]) -> None:
         text = await asyncio.get_running_loop().run_in_executor(None, compute)
-        with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
-            await self._socket.send_json({"kind": "bound", "text": text})
+        with suppress(WebSocketDisconnect):
+            await self._send({"kind": "bound", "text": text})
 
     def _messages(self) -> list[Message]:
         """All that have come; of changes of one control, and places of the mouse, the last."""
@@ -188,20 +181,44 @@ class _Page:
         """In the page's thread: take messages, advance, and give answers and the frame."""
         answers = []
         for message in messages:
-            try:
-                answer = self._session.take(message)
-            except (ValueError, ModuleNotFoundError) as error:
-                answer = {"kind": "error", "text": " ".join(str(error).split())}
-            if answer is not None:
+            if (answer := self._answer(message)) is not None:
                 answers.append(answer)
         try:
             self._session.advance(seconds)
-        except Exception as error:  # of a policy of the user's own, which can fail in any way
+        except BaseException as error:  # of a policy of the user's own, which can fail in any way
             answers.append({"kind": "error", "text": self._session.stop(error)})
         return answers, self._session.frame()
 
+    def _answer(self, message: Message) -> dict[str, Any] | None:
+        """The session's answer to a message; a note if it refuses, or if a policy fails."""
+        try:
+            return self._session.take(message)
+        except BaseException as error:  # of a policy, or of what makes it
+            refused = isinstance(error, ValueError | ModuleNotFoundError) and message.do != "step"
+            return {"kind": "error", "text": " ".join(str(error).split()) if refused else failure(error)}
+
     async def _complain(self, error: Exception) -> None:
-        await self._socket.send_json({"kind": "error", "text": " ".join(str(error).split())[:500]})
+        await self._send({"kind": "error", "text": " ".join(str(error).split())[:500]})
+
+    async def _send(self, document: Mapping[str, Any]) -> None:
+        """Send a document; raises WebSocketDisconnect if the page has gone."""
+        text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+        try:
+            await self._socket.send_text(text)
+        except RuntimeError as error:
+            raise WebSocketDisconnect from error
+
+
+def _message(text: str | None) -> Message:
+    """The message of a page from the text that it sent; None where it sent bytes. Raises ValueError for any other."""
+    if text is None:
+        raise ValueError("a message must be text")
+    if len(text) > LONGEST_MESSAGE:
+        raise ValueError(f"a message of {len(text)} characters; at most {LONGEST_MESSAGE}")
+    document = json.loads(text)
+    if not isinstance(document, dict):
+        raise ValueError("a message must be a JSON object")
+    return Message.parse(document, "message")
 
 
 def open_socket(port: int) -> socket.socket:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import Field
@@ -17,12 +17,16 @@ from agents.play.actor import PAYLOAD, YOU, Mouse, PlayedPolicy
 from agents.policies.lookup import NamedPolicy, find_policy, shipped_policies
 from envs.card import Metric, TaskCard, env_ids, task_card
 from envs.experts import expert_names
-from envs.settings import Settings
+from envs.settings import Settings, refuse_unknown
 from planners import Infeasible, arm_names, load_arm
 
 MOST_POLICIES = 3
 SUITED = {"MinTorqueMove-v0": "lagrange", "ObstacleDodge-v0": "apf"}
 """The expert whose paper a task comes from, where that is not the first on its card."""
+
+
+Coordinate = Annotated[float, Field(ge=-1e3, le=1e3)]
+"""Of a point that a page sends, m."""
 
 
 class Choice(Settings):
@@ -62,7 +66,7 @@ class Message(Settings):
     choice: Choice | None = None
     seed: int | None = Field(default=None, ge=0, le=2**53)
     key: str | None = None
-    point: tuple[float, float] | None = None
+    point: tuple[Coordinate, Coordinate] | None = None
     index: int = Field(default=0, ge=0, le=8)
     number: float | None = None
 
@@ -75,6 +79,7 @@ class Session:
         allow_code: whether models of Stable-Baselines3 may be loaded.
         settings: of every environment, beside those of the choice.
         levels: difficulty levels of environments, by id.
+        offered: policies that may be chosen beside those of the catalogue; None if any may, also ``module:name``.
         running: whether time goes on.
         speed: of the played time, as a share of real time.
     """
@@ -82,6 +87,7 @@ class Session:
     allow_code: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
     levels: Mapping[str, str] = field(default_factory=dict)
+    offered: tuple[str, ...] | None = None
     running: bool = True
     speed: float = 1.0
     _played: list[PlayedPolicy] = field(default_factory=list)
@@ -124,10 +130,10 @@ class Session:
             self._due -= period
             self._step()
 
-    def stop(self, error: Exception) -> str:
+    def stop(self, error: BaseException) -> str:
         """Pause after an error of a policy; what the page says of it."""
         self.running = False
-        return f"a policy failed: {type(error).__name__}: {' '.join(str(error).split())}"[:500]
+        return failure(error)
 
     def frame(self) -> dict[str, Any]:
         """What the page draws now."""
@@ -181,7 +187,11 @@ class Session:
 
     def _choose(self, choice: Choice) -> dict[str, Any]:
         """Make the environments and policies of a choice; the old ones go on if that fails."""
-        task_card(choice.env)  # raises for an unknown id
+        refuse_unknown([choice.env], env_ids(), "environment")  # before `task_card` would import a module
+        if choice.arm is not None:
+            refuse_unknown([choice.arm], arm_names(), "arm")
+        if self.offered is not None:
+            refuse_unknown(choice.policies, [*_policies(choice.env), *self.offered], "policy of this page")
         settings, options = self._conditions(choice)
         check_names(choice.env, settings, options)
         mouse = Mouse()
@@ -190,9 +200,10 @@ class Session:
             for name in choice.policies:
                 named = NamedPolicy(YOU, YOU) if name == YOU else self._find(name, choice.env)
                 made.append(PlayedPolicy(named, choice.env, settings, mouse))
+                made[-1].check_payload(choice.payload or 0.0)
             before, self._played = self._played, made
             described = self._begin(choice)
-        except Exception:
+        except BaseException:
             for played in made:
                 played.close()
             if made is self._played:
@@ -242,6 +253,11 @@ def _as_in_verdict(card: TaskCard, metric: Metric, value: float) -> str:
     return f"{metric.title}: {metric.factor * value:.3g}"
 
 
+def failure(error: BaseException) -> str:
+    """What the page says of an error of a policy."""
+    return f"a policy failed: {type(error).__name__}: {' '.join(str(error).split())}"[:500]
+
+
 def first_policy(env_id: str) -> str:
     """The policy with which a page begins a task."""
     return SUITED.get(env_id, expert_names(env_id)[0])
@@ -252,12 +268,17 @@ def catalogue() -> list[dict[str, Any]]:
     return [_described(env_id) for env_id in env_ids()]
 
 
+def _policies(env_id: str) -> list[str]:
+    """Names of the policies that every page offers for a task."""
+    return [*shipped_policies(env_id), *expert_names(env_id), YOU]
+
+
 def _described(env_id: str) -> dict[str, Any]:
     card = task_card(env_id)
     scenarios = task_type(env_id).options_type.model_fields.get("scenario")
     return {
         "env": env_id,
-        "policies": [*shipped_policies(env_id), *expert_names(env_id), YOU],
+        "policies": _policies(env_id),
         "first": first_policy(env_id),
         "arms": [name for name in arm_names() if load_arm(name).n_joints in card.links],
         "scenarios": [name for name in get_args(scenarios.annotation) if name != "random"] if scenarios else [],
