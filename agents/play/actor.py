@@ -81,9 +81,10 @@ class PlayedPolicy:
 
     def begin(self, seed: int, options: Mapping[str, Any]) -> None:
         """Begin the episode of a seed; raises as ``reset``."""
-        self._observation, self.info = self._env.reset(seed=seed, options=dict(options))
+        self._start: dict[str, Any] = {"seed": seed, "options": dict(options)}
+        self._observation, self.info = self._env.reset(**self._start)
         self._state: Any = None
-        self._begins, self.ended = True, False
+        self._begins, self.ended, self._refused = True, False, ""
         self.changed = (self.settings.get("payload") or 0.0) != self._own_payload
         self._waiting.clear()
         self._trail.clear()
@@ -91,7 +92,10 @@ class PlayedPolicy:
     def step(self) -> None:
         """Advance by one control period; a finished episode stands still."""
         for key, arguments in list(self._waiting.items()):
-            self.change(key, *arguments)
+            try:
+                self.change(key, *arguments)
+            except ValueError as error:  # possible from where it was asked for, but not from where the arm rests
+                self._refused, self._begins = str(error), True
         if self.ended:
             return
         acting = self._braking() if self._waiting else self._actor
@@ -110,16 +114,25 @@ class PlayedPolicy:
         Raises:
             ValueError: for an unknown key, or a change that is impossible.
         """
-        control = next((each for each in self.card.controls if each.key == key), None)
-        if control is None:
-            raise ValueError(f"{self.env_id} has no control {key}")
+        control = self._control(key)
         self._waiting.pop(key, None)
+        self._refused = ""
         if not self.task.change(0, control, *arguments):
             self._waiting[key] = arguments
         elif control.replans:
             self._begins, self._state, self.ended = True, None, False
             self._observation = self._env.unwrapped.resume()
         self.changed = True
+
+    def check_change(self, key: str, point: Array, index: int) -> None:
+        """Raise the ValueError of `change` for a point, also while the arm moves: it is tried at the episode's start."""
+        control, env = self._control(key), self._env.unwrapped
+        state = env.get_state()
+        try:
+            env.reset(**self._start)
+            self.task.change(0, control, point, index)
+        finally:
+            env.set_state(state)
 
     @property
     def heaviest(self) -> float | None:
@@ -160,7 +173,7 @@ class PlayedPolicy:
             "numbers": self._numbers(record),
             "ended": self.ended,
             "changed": self.changed,
-            "refusal": "" if self.ended or self._waiting else getattr(self._actor.policy, "refusal", ""),
+            "refusal": "" if self.ended or self._waiting else self._refused or self._refusal(),
             "outcome": self._outcome() if self.ended else "",
             "success": bool(self.info.get("is_success", False)),
         }
@@ -168,6 +181,12 @@ class PlayedPolicy:
     def close(self) -> None:
         """Close the environment."""
         self._env.close()
+
+    def _control(self, key: str) -> Control:
+        control = next((each for each in self.card.controls if each.key == key), None)
+        if control is None:
+            raise ValueError(f"{self.env_id} has no control {key}")
+        return control
 
     def _numbers(self, record: Any) -> dict[str, float]:
         numbers = {each.key: each.read(self.task, record) for each in self._controls(points=False)}
@@ -190,6 +209,10 @@ class PlayedPolicy:
         if picture is None:
             return "solved" if self.info.get("is_success") else "not solved"
         return picture.outcome(self.info, int(self.task.batch["step"][0]) * self.task.config.control_period)
+
+    def _refusal(self) -> str:
+        """Why the policy has no motion; empty if it has one."""
+        return str(getattr(self._actor.policy, "refusal", ""))
 
     def _follower(self) -> FollowerExpert:
         """The hand is drawn to the mouse."""

@@ -175,10 +175,16 @@ class Session:
             played.step()
 
     def _change(self, message: Message) -> None:
+        """Change the episodes of all policies, or of none if one refuses a point."""
+        if message.point is not None:
+            place = str(message.key), np.array(message.point), message.index
+            for played in self._played:
+                played.check_change(*place)
+            for played in self._played:
+                played.change(*place)
+            return
         for played in self._played:
-            if message.point is not None:
-                played.change(str(message.key), np.array(message.point), message.index)
-            elif message.number is None:
+            if message.number is None:
                 raise ValueError(f"{message.key} needs a point or a number")
             elif message.key == PAYLOAD and played.heaviest is not None:
                 played.load(message.number)

@@ -129,6 +129,17 @@ def test_a_goal_out_of_reach_is_refused_and_the_episode_goes_on(session: Session
     assert policy["success"]
 
 
+def test_a_goal_out_of_reach_is_refused_by_all_while_the_arms_move(session: Session) -> None:
+    chosen(session, "MinTorqueMove-v0", "lagrange", "apf", "dpct")
+    before = played(session, 0.1)
+    with pytest.raises(ValueError, match="cannot be at"):
+        session.take(Message(do="change", key="goal", point=(-5.0, 3.0)))
+    assert [policy["changed"] for policy in before] == [policy["changed"] for policy in played(session, 0.0)]
+    after = played(session, 0.1)
+    assert [policy["scene"]["time"] for policy in after] == [pytest.approx(0.2)] * 3
+    assert [policy["success"] for policy in played(session, 3.0)] == [True] * 3
+
+
 def test_discs_and_goals_move_and_the_fields_answer(session: Session) -> None:
     chosen(session, "ObstacleDodge-v0", "apf")
     played(session, 0.3)
