@@ -125,7 +125,7 @@ class PlayedPolicy:
         self.changed = True
 
     def check_change(self, key: str, point: Array, index: int) -> None:
-        """Raise the ValueError of `change` for a point, also while the arm moves: it is tried at the episode's start."""
+        """Raise the ValueError of `change` for a point, also while the arm moves: it is tried at the start."""
         control, env = self._control(key), self._env.unwrapped
         state = env.get_state()
         try:

@@ -197,6 +197,35 @@ def test_keys_work_after_a_slider_and_a_checkbox_have_been_used(page: Any) -> No
     assert page.get_attribute("#ghosts", "aria-pressed") == "false"
 
 
+def test_a_refused_arm_is_not_shown_as_chosen(page: Any) -> None:
+    page.get_by_role("button", name="agent", exact=True).click()
+    wait_for(page, "document.querySelectorAll('canvas').length === 3")
+    page.select_option("#arm", "PLANAR_3R")
+    wait_for(page, "document.getElementById('note').textContent !== ''")
+    assert page.input_value("#arm") == ""
+
+
+def test_space_presses_the_button_in_focus_and_policies_keep_it(page: Any) -> None:
+    page.uncheck("#auto")
+    page.focus("#next")
+    page.keyboard.press("Space")
+    wait_for(page, "document.getElementById('seed').value === '1'")
+    assert page.text_content("#run") == "Pause"
+    page.get_by_role("button", name="apf", exact=True).focus()
+    page.keyboard.press("Enter")
+    wait_for(page, "document.querySelectorAll('canvas').length === 3")
+    assert page.evaluate("document.activeElement.textContent") == "apf"
+
+
+def test_the_clock_is_of_the_last_policy_and_a_failure_is_not_compared(browser: Any) -> None:
+    with playing("ObstacleDodge-v0", "--policies", "follower", "apf", "--seed", "1") as (address, _):
+        for page in opened(browser, address):
+            page.uncheck("#auto")
+            wait_for(page, "document.querySelectorAll('.verdict')[1].textContent.includes('best known')")
+            assert (page.text_content("#clock") or "").startswith("2.74 /")
+            assert page.locator(".verdict").first.text_content() == "collided at 0.60 s"
+
+
 def test_two_pages_do_not_disturb_each_other(page: Any, browser: Any, address: str) -> None:
     page.keyboard.press("Space")
     for other in opened(browser, address):

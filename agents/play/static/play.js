@@ -38,8 +38,10 @@ socket.addEventListener("message", ({ data }) => {
   const message = JSON.parse(data);
   if (message.kind === "welcome") welcome(message);
   else if (message.kind === "episode") begin(message);
-  else if (message.kind === "error") note(message.text);
-  else if (message.kind === "bound") bound = message.text;
+  else if (message.kind === "error") {
+    note(message.text);
+    if (episode) showChoice();
+  } else if (message.kind === "bound") bound = message.text;
   else if (message.kind === "wait") at("wait").textContent = message.text;
   else {
     frame = message;
@@ -81,11 +83,9 @@ function begin(message) {
   note("");
   const { choice } = message;
   const task = tasks.find((each) => each.env === choice.env);
-  at("task").value = choice.env;
-  at("seed").value = choice.seed;
-  const options = (names, first) => [["", first], ...names.map((name) => [name, name])];
-  fill(at("arm"), options(task.arms, "the task's own"), choice.arm);
-  fill(at("scenario"), options(task.scenarios, "random"), choice.scenario);
+  fill(at("arm"), task.arms, "the task's own");
+  fill(at("scenario"), task.scenarios, "random");
+  showChoice();
   at("arm").disabled = task.arms.length === 0;
   at("ghosts").disabled = choice.policies.length === 1;
   if (!before || before.env !== choice.env || before.policies.join() !== choice.policies.join() || before.arm !== choice.arm) {
@@ -98,9 +98,14 @@ function begin(message) {
   at("draggable").textContent = points.length ? `Drag in the picture: ${points.join(", ")}.` : "";
 }
 
-function fill(select, options, value) {
-  select.replaceChildren(...options.map(([key, text]) => element("option", { value: key, textContent: text })));
-  select.value = value ?? "";
+function fill(select, names, first) {
+  select.replaceChildren(new Option(first, ""), ...names.map((name) => new Option(name, name)));
+}
+
+/** The choice that is played in the fields, whatever they showed. */
+function showChoice() {
+  for (const [id, key] of [["task", "env"], ["seed", "seed"], ["arm", "arm"], ["scenario", "scenario"]])
+    at(id).value = episode.choice[key] ?? "";
 }
 
 function makePolicies(task, choice) {
@@ -118,7 +123,9 @@ function makePolicies(task, choice) {
     });
     return button;
   });
+  const before = at("policies").querySelector(":focus");
   at("policies").replaceChildren(...buttons);
+  if (before) buttons.find((button) => button.textContent === before.textContent)?.focus();
 }
 
 function makeViews() {
@@ -170,8 +177,8 @@ function makeSliders() {
 function draw() {
   requestAnimationFrame(draw);
   if (!frame || !episode || frame.policies.length !== episode.choice.policies.length) return;
-  const first = frame.policies[0].scene;
-  at("clock").textContent = `${first.time.toFixed(2)} / ${first.horizon.toFixed(2)} s`;
+  const latest = frame.policies.map((played) => played.scene).reduce((one, other) => (other.time > one.time ? other : one));
+  at("clock").textContent = `${latest.time.toFixed(2)} / ${latest.horizon.toFixed(2)} s`;
   at("run").textContent = frame.running ? "Pause" : "Run";
   at("run").setAttribute("aria-pressed", String(frame.running));
   for (const each of views) show(each);
@@ -201,7 +208,7 @@ function show(each) {
   const verdicts = names.filter((other) => other.ended || other.refusal);
   each.verdict.replaceChildren(
     ...verdicts.map((other) => {
-      const best = bound && !other.changed && other.ended ? ` (${bound})` : "";
+      const best = bound && !other.changed && other.success ? ` (${bound})` : "";
       const text = other.ended ? other.outcome.replaceAll("\n", " ") + best : `no motion: ${other.refusal}`;
       return element("div", { className: other.success ? "good" : "bad", textContent: (names.length > 1 ? `${other.name}: ` : "") + text });
     }),
@@ -355,7 +362,7 @@ at("speed").addEventListener("input", () => {
 document.addEventListener("keydown", (event) => {
   const written = "select, input:not([type=range], [type=checkbox])"; // elements to which every key belongs
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches(written)) return;
-  if (event.key === " " && event.target.type === "checkbox") return;
+  if (event.key === " " && event.target.matches("button, [type=checkbox]")) return;
   if (event.key === "h") chosen += 1;
   const button = { " ": "run", ".": "step", r: "restart", n: "next", g: "ghosts" }[event.key];
   if (!button) return;
