@@ -129,7 +129,7 @@ class PlayedPolicy:
         control, env = self._control(key), self._env.unwrapped
         state = env.get_state()
         try:
-            env.reset(**self._start)
+            self._env.reset(**self._start)
             self.task.change(0, control, point, index)
         finally:
             env.set_state(state)
