@@ -71,9 +71,9 @@ def run(options: PlayOptions) -> int:
     address = f"http://{HOST}:{listening.getsockname()[1]}/"
     served = application(first, settings=settings, level=options.level, allow_code=options.allow_code)
     config = uvicorn.Config(served, log_level="error", ws="websockets-sansio", timeout_graceful_shutdown=1)
-    say(f"playing at {address} (Ctrl-C ends it)")
-    if options.browser:
-        webbrowser.open(address)
     with listening, suppress(KeyboardInterrupt), catch_interrupt(at_once=True) as interrupts:
+        say(f"playing at {address} (Ctrl-C ends it)")
+        if options.browser:
+            webbrowser.open(address)
         uvicorn.Server(config).run(sockets=[listening])
     return (interrupts or [INTERRUPTED])[0]
