@@ -11,11 +11,12 @@ from agents.report.axes import Axis, span
 from agents.report.drawing import (
     CHARACTER,
     WIDTH,
-    Box,
     arrow,
-    beside,
     figure,
     label_room,
+    label_size,
+    labelled,
+    point,
     reference_line,
     shortened,
     steps,
@@ -25,8 +26,10 @@ from agents.report.drawing import (
     x_axis,
     y_axis,
 )
+from agents.report.labels import Box, Label, Point, place_labels
+from agents.report.looks import Look
 from agents.report.markup import Node, episodes_link, node
-from agents.report.numbers import Quantity, costs, profiled, profiles
+from agents.report.numbers import Cost, Quantity, costs, profiled, profiles
 from agents.report.results_file import TaskScores
 from agents.tables import percent_text
 
@@ -39,11 +42,11 @@ class Chart:
     Args:
         number: of the task in the page.
         task: its scores.
-        colors: number of the colour of each policy.
+        looks: how each policy is drawn.
     """
 
-    def __init__(self, number: int, task: TaskScores, colors: Mapping[str, int]) -> None:
-        self._number, self._task, self._colors = number, task, colors
+    def __init__(self, number: int, task: TaskScores, looks: Mapping[str, Look]) -> None:
+        self._number, self._task, self._looks = number, task, looks
         self._places = {each.policy: place for place, each in enumerate(task.policies)}
 
     def points(self, quantity: Quantity) -> Node:
@@ -145,11 +148,12 @@ class Chart:
         lines = [] if quantity.bound is None else [quantity.bound]
         low, high = span([(each.score.low, each.score.value, each.score.high) for each in shown], lines)
         times = [each.action_us for each in shown if each.action_us > 0.0] or [1.0]
+        bottom = 250.0 + 10.0 * max(0, len(shown) - 6)
         axis = Axis(min(times) / 1.8, max(times) * 1.8, 48.0, WIDTH - 12.0, logarithmic=True)
-        score = Axis(low, high, 250.0, 26.0)
-        parts = [*x_axis(axis, 26.0, 250.0, "time of an action, with planning (\u00b5s)"), *y_axis(score, axis)]
+        score = Axis(low, high, bottom, 26.0)
+        parts = [*x_axis(axis, 26.0, bottom, "time of an action, with planning (\u00b5s)"), *y_axis(score, axis)]
         parts.append(write(quantity.title, 6.0, 14.0, "start", "small"))
-        taken: list[Box] = []
+        taken: list[Box] = [(0.0, 0.0, 12.0 + CHARACTER * len(quantity.title), 18.0)]
         if quantity.bound is not None:
             y = score.place(quantity.bound)
             name = self._task.bound_name
@@ -157,25 +161,30 @@ class Chart:
             taken += [(axis.start, y - 2.0, axis.end, y + 2.0), (axis.end - width, y - 16.0, axis.end, y)]
             parts.append(node("line", title_of(name), x1=axis.start, x2=axis.end, y1=y, y2=y, class_="reference"))
             parts.append(write(name, axis.end - 2.0, y - 4.0, "end", "small"))
-        dots = []
+        points = []
         for each in shown:
             value, x = each.score.value, axis.place(max(each.action_us, axis.low))
             y = score.place(value) if math.isfinite(value) else (score.end if quantity.lower_is_better else score.start)
-            dots.append((x, y))
-            taken.append((x - 6.0, y - 6.0, x + 6.0, y + 6.0))
-        for each, (x, y) in zip(shown, dots, strict=True):
-            name, ends = each.policy.policy, (each.score.low, each.score.high)
-            said = (
-                f"{name}: {quantity.title} {quantity.interval_text(each.score)}, {each.action_us:.3g} \u00b5s an action"
-            )
-            if math.isfinite(each.score.value) and score.shows(each.score.value):
-                bar = None if math.isnan(ends[0]) else whisker(x, x, *(score.place(end) for end in ends))
-                marks = [bar, node("circle", cx=x, cy=y, r=5.0, class_="dot")]
-            else:
-                marks = [arrow(x, y, -90 if y < 100.0 else 90)]
-            marks.append(beside(name, x, y, taken))
-            parts.append(self._link([name], quantity.column, said, *marks))
-        return figure("Cost against score", f"{quantity.title} against the time of an action", 286.0, parts)
+            points.append((x, y))
+            if score.shows(value) and not math.isnan(each.score.low):
+                taken.append((x - 2.0, score.place(each.score.high), x + 2.0, score.place(each.score.low)))
+        sizes = [label_size(each.policy.policy) for each in shown]
+        labels = place_labels(points, sizes, (axis.start + 2.0, 4.0, WIDTH, bottom - 2.0), taken)
+        parts += [self._cost(*given, quantity, score) for given in zip(shown, points, labels, strict=True)]
+        title = f"{quantity.title} against the time of an action"
+        return figure("Cost against score", title, bottom + 36.0, parts)
+
+    def _cost(self, cost: Cost, place: Point, label: Label, quantity: Quantity, score: Axis) -> Node:
+        """The point of a policy with its label."""
+        name, estimate, (x, y) = cost.policy.policy, cost.score, place
+        said = f"{name}: {quantity.title} {quantity.interval_text(estimate)}, {cost.action_us:.3g} \u00b5s an action"
+        marks: list[Node | None] = []
+        if score.shows(estimate.value):
+            ends = [] if math.isnan(estimate.low) else [score.place(estimate.low), score.place(estimate.high)]
+            marks += [whisker(x, x, *ends) if ends else None, point(x, y, self._looks[name].shape)]
+        else:
+            marks.append(arrow(x, y, -90 if y < 100.0 else 90))
+        return self._link([name], quantity.column, said, *labelled(name, x, label), *marks)
 
     def _row(
         self,
@@ -203,10 +212,10 @@ class Chart:
         else:
             if not math.isnan(estimate.low):
                 parts.append(whisker(axis.place(estimate.low), axis.place(estimate.high), y, y))
-            parts.append(node("circle", cx=axis.place(value), cy=y, r=5.0, class_="dot"))
+            parts.append(point(axis.place(value), y, self._looks[policies[0]].shape))
         return self._link(policies, key, said, *parts)
 
     def _link(self, policies: Sequence[str], key: str, said: str, *parts: Node | None) -> Node:
         address = episodes_link(self._number, [self._places[name] for name in policies], key)
-        color = f"mark p{self._colors[policies[0]]}"
-        return node("a", *parts, href=address, class_=color, aria_label=f"{said}; show the episodes", data_tip=said)
+        classes = f"mark {self._looks[policies[0]].classes}"
+        return node("a", *parts, href=address, class_=classes, aria_label=f"{said}; show the episodes", data_tip=said)

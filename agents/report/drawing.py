@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from agents.report.axes import Axis, tick_text
+from agents.report.labels import Label, Point
 from agents.report.markup import Node, node
 from planners.typing import Array
 
@@ -14,8 +14,6 @@ WIDTH = 400.0
 CHARACTER = 6.4
 """Width of a character of a label."""
 _LONGEST = 26  # characters of a label
-
-Box = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def figure(title: str, description: str, height: float, parts: Sequence[Node]) -> Node:
@@ -77,6 +75,13 @@ def whisker(x1: float, x2: float, y1: float, y2: float) -> Node:
     return node("line", x1=x1, x2=x2, y1=y1, y2=y2, class_="whisker")
 
 
+def point(x: float, y: float, shape: int) -> Node:
+    """A circle or a square; the style sheet makes every other shape an empty one."""
+    if shape < 2:
+        return node("circle", cx=x, cy=y, r=5.0, class_="dot")
+    return node("rect", x=x - 4.5, y=y - 4.5, width=9.0, height=9.0, class_="dot")
+
+
 def arrow(x: float, y: float, turn: float) -> Node:
     """A triangle at the edge for what lies beyond; it points to the right, turned clockwise by so many degrees."""
     return node(
@@ -110,20 +115,16 @@ def _path(points: Sequence[tuple[float, float]]) -> str:
     return "M" + "L".join(text for place, text in enumerate(kept) if place == 0 or text != kept[place - 1])
 
 
-def beside(name: str, x: float, y: float, taken: list[Box]) -> Node:
-    """The name of a point, right or left of it, moved up or down to where nothing is written yet."""
-    width = CHARACTER * len(shortened(name))
-    right = x + 10.0 + width <= WIDTH
-    left_edge = x + 10.0 if right else x - 10.0 - width
-    places = sorted(range(-6, 7), key=abs)
-    for shift in places:
-        middle = y + 13.0 * shift
-        box = (left_edge, middle - 6.5, left_edge + width, middle + 6.5)
-        if not any(_overlap(box, other) for other in taken):
-            break
-    taken.append(box)
-    return write(shortened(name), x + 10.0 if right else x - 10.0, middle + 4.0, "start" if right else "end", "label")
+def label_size(name: str) -> Point:
+    """Width and height of the label of a point."""
+    return 7.0 * len(shortened(name)), 13.0
 
 
-def _overlap(one: Box, other: Box) -> bool:
-    return all(max(one[i], other[i]) < min(one[i + 2], other[i + 2]) for i in (0, 1)) and math.isfinite(one[0])
+def labelled(name: str, x: float, label: Label) -> Iterator[Node]:
+    """The label of a point at ``x`` in its place, and the line to the point if there is one."""
+    if label.line is not None:
+        (x1, y1), (x2, y2) = label.line
+        yield node("line", x1=x1, y1=y1, x2=x2, y2=y2, class_="leader")
+    left, top, right, bottom = label.box
+    place, anchor = (left, "start") if left >= x else (right, "end") if right <= x else ((left + right) / 2.0, "middle")
+    yield write(shortened(name), place, (top + bottom) / 2.0 + 4.0, anchor, "label")

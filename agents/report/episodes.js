@@ -186,7 +186,7 @@ export class Episodes {
       const same = Math.abs((found.return ?? 0) - (policy.episodes.return[episode] ?? 0)) <= 1e-5 * (1 + Math.abs(found.return ?? 0));
       const [name, unit] = split(primary.title);
       const verdict = `${good ? "\u2713" : "\u2717"} ${name} ${numberText(value)}${value === null ? "" : unit}${same ? "" : ` (this replay: return ${numberText(found.return)}, not as scored)`}`;
-      runs.push({ place, name: policy.name, color: policy.color, good, verdict, replay });
+      runs.push({ place, name: policy.name, look: policy.look, good, verdict, replay });
     });
     if (!runs.length) {
       stage.append(make("p", { class: "hint" }, "The replays of this seed cannot be read: the file of results is damaged."));

@@ -15,8 +15,8 @@ from agents.evaluation.statistics import Estimate
 from agents.figures.sheet import Axes, Figure, new_sheet
 from agents.report.axes import span
 from agents.report.drawing import shortened
+from agents.report.looks import Look, policy_looks
 from agents.report.numbers import Quantity, costs, differences, profiled, profiles, quantities
-from agents.report.page import policy_colors
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
 from agents.tables import percent_text
@@ -35,6 +35,9 @@ COLORS = (
     "#5a5bd0",
 )
 """Of policies, those of the page on light ground."""
+_SHADES = ((0.0, 0.0), (0.48, 0.0), (0.38, 1.0), (0.75, 0.0))
+"""For each shape, which share of a grey goes into the colour, and that grey: about those of the page."""
+_LINES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 _WIDTH, _ROW = 3.4, 0.21  # of a figure and of one of its rows, inches: a column of a paper
 _STYLE = {"font.size": 8.0, "pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "planarm"}
 
@@ -65,15 +68,15 @@ def write_figures(files: Sequence[tuple[str, Results]], folder: Path) -> int:
 def _all_figures(files: Sequence[tuple[str, Results]]) -> Iterator[tuple[str, Figure]]:
     """The leaderboard of all tasks, and the charts of each, with their names."""
     tasks = side_by_side(files)
-    colors = {name: COLORS[number] for name, number in policy_colors(files, tasks).items()}
+    looks = policy_looks(files, tasks)
     if overview := [task for task in tasks if len(task.seeds) > 1]:
-        yield "leaderboard", leaderboard(overview, colors)
+        yield "leaderboard", leaderboard(overview, looks)
     for task in tasks:
-        for name, sheet in task_figures(task, colors):
+        for name, sheet in task_figures(task, looks):
             yield f"{task.task}_{name}", sheet
 
 
-def leaderboard(tasks: Sequence[TaskScores], colors: Mapping[str, str]) -> Figure:
+def leaderboard(tasks: Sequence[TaskScores], looks: Mapping[str, Look]) -> Figure:
     """Success and the primary metric, or the return, of every policy: a row of two charts for each task."""
     heights = [0.75 + _ROW * len(task.policies) for task in tasks]
     sheet = new_sheet(2.0 * _WIDTH, sum(heights))
@@ -81,21 +84,21 @@ def leaderboard(tasks: Sequence[TaskScores], colors: Mapping[str, str]) -> Figur
     for task, row in zip(tasks, charts, strict=True):
         for quantity, axes in zip(quantities(task)[:2], row, strict=True):
             _prepare(axes)
-            _points(task, quantity, colors, axes)
+            _points(task, quantity, looks, axes)
         row[0].set_title(_plain(task.task), loc="left", fontweight="bold")
         row[1].set_yticklabels([])
     return sheet
 
 
-def task_figures(task: TaskScores, colors: Mapping[str, str]) -> Iterator[tuple[str, Figure]]:
+def task_figures(task: TaskScores, looks: Mapping[str, Look]) -> Iterator[tuple[str, Figure]]:
     """The charts of a task, each with its name: points of three quantities, profiles, differences, costs."""
     for quantity in quantities(task)[: 3 if task.primary else 2]:
-        yield quantity.column, _sheet(len(task.policies), partial(_points, task, quantity, colors))
+        yield quantity.column, _sheet(len(task.policies), partial(_points, task, quantity, looks))
     if task.primary is not None:
-        yield "profile", _sheet(11 + len(task.policies) // 3, partial(_profiles, task, colors))
+        yield "profile", _sheet(11 + len(task.policies) // 3, partial(_profiles, task, looks))
     if pairs := differences(task):
-        yield "differences", _sheet(len(pairs), partial(_differences, task, pairs, colors))
-    yield "cost", _sheet(10, partial(_costs, task, colors))
+        yield "differences", _sheet(len(pairs), partial(_differences, task, pairs, looks))
+    yield "cost", _sheet(10, partial(_costs, task, looks))
 
 
 def _sheet(rows: int, draw: Callable[[Axes], None]) -> Figure:
@@ -112,7 +115,7 @@ def _prepare(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axes: Axes) -> None:
+def _points(task: TaskScores, quantity: Quantity, looks: Mapping[str, Look], axes: Axes) -> None:
     rows = [(each.policy, quantity.of(each)) for each in task.policies]
     shown = [(name, estimate) for name, estimate in rows if estimate is not None]
     lines = [(task.bound_name, quantity.bound, "--"), ("paper", quantity.published, ":")]
@@ -124,20 +127,20 @@ def _points(task: TaskScores, quantity: Quantity, colors: Mapping[str, str], axe
             axes.axvline(value, color="black", linewidth=0.9, linestyle=style)
             axes.annotate(name, (value, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=7)
     for row, (name, estimate) in enumerate(shown):
-        _row(axes, row, estimate, (low, high), colors[name])
+        _row(axes, row, estimate, (low, high), looks[name])
     axes.set_yticks(range(len(shown)), [_label(name) for name, _ in shown])
     axes.set(xlim=_widened(low, high), ylim=(len(shown) - 0.5, -0.5), xlabel=_plain(quantity.title))
     axes.grid(visible=False, axis="y")
 
 
-def _differences(task: TaskScores, pairs: Sequence[Pair], colors: Mapping[str, str], axes: Axes) -> None:
+def _differences(task: TaskScores, pairs: Sequence[Pair], looks: Mapping[str, Look], axes: Axes) -> None:
     metric = task.primary
     quantity = Quantity(metric.key, metric.title, metric.factor) if metric else Quantity("return", "return")
     rows = [(pair, (pair.metric or pair.returns).times(quantity.factor)) for pair in pairs]
     low, high = span([(each.low, each.value, each.high) for _, each in rows], [0.0])
     axes.axvline(0.0, color="black", linewidth=0.9)
     for row, (pair, estimate) in enumerate(rows):
-        _row(axes, row, estimate, (low, high), colors[pair.policy])
+        _row(axes, row, estimate, (low, high), looks[pair.policy])
         text = f"{percent_text(pair.improvement.value)} %"
         axes.annotate(text, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=7)
     axes.annotate("better in", (1.02, 1.0), xycoords="axes fraction", va="bottom", fontsize=7)
@@ -147,23 +150,37 @@ def _differences(task: TaskScores, pairs: Sequence[Pair], colors: Mapping[str, s
     axes.grid(visible=False, axis="y")
 
 
-def _row(axes: Axes, row: int, estimate: Estimate, shown: tuple[float, float], color: str) -> None:
+def _color(look: Look) -> str:
+    """The colour of a policy in the shade of its shape."""
+    share, grey = _SHADES[look.shape]
+    channels = (int(COLORS[look.color][place : place + 2], 16) for place in (1, 3, 5))
+    return "#" + "".join(f"{round((1.0 - share) * channel + 255.0 * share * grey):02x}" for channel in channels)
+
+
+def _point(look: Look) -> dict[str, Any]:
+    """How a point of a policy is drawn: round or square, full or empty."""
+    color = _color(look)
+    inner = "white" if look.shape % 2 else color
+    return {"marker": "o" if look.shape < 2 else "s", "color": color, "markerfacecolor": inner, "markersize": 4}
+
+
+def _row(axes: Axes, row: int, estimate: Estimate, shown: tuple[float, float], look: Look) -> None:
     """A point with its interval, or an arrow at the edge for one beyond it."""
-    low, high = shown
+    (low, high), color, point = shown, _color(look), _point(look)
     if math.isnan(estimate.value):
         return
     if not low <= estimate.value <= high:
         beyond = estimate.value > high
-        axes.plot(high if beyond else low, row, marker=">" if beyond else "<", color=color, markersize=5)
+        axes.plot(high if beyond else low, row, **{**point, "marker": ">" if beyond else "<"})
         return
     if not math.isnan(estimate.low):
         axes.plot(
             [max(low, estimate.low), min(high, estimate.high)], [row, row], color=color, linewidth=1.6, alpha=0.55
         )
-    axes.plot(estimate.value, row, "o", color=color, markersize=4)
+    axes.plot(estimate.value, row, **point)
 
 
-def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
+def _profiles(task: TaskScores, looks: Mapping[str, Look], axes: Axes) -> None:
     metric, curves = task.primary, profiles(task)
     values = [float(value) for curve in curves for value in curve.values]
     logarithmic = bool(values) and min(values) > 0.0 and max(values) / min(values) > 30.0
@@ -173,7 +190,9 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
     for curve in curves:
         x = [edges[0] if lower else edges[1], *curve.values, edges[1] if lower else edges[0]]
         last = curve.share[-1:] if len(curve.share) else [0.0]
-        color, style = (colors[curve.name], "-") if curve.name in names else ("black", "--")
+        color, style = "black", "--"
+        if curve.name in names:
+            color, style = _color(looks[curve.name]), _LINES[looks[curve.name].shape]
         shares = [0.0, *curve.share, *last]
         axes.step(x, shares, where="post", linewidth=1.1, label=_label(curve.name), color=color, linestyle=style)
         if curve.name in names and len(curve.values) and len(task.seeds) > 1:
@@ -188,7 +207,7 @@ def _profiles(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
     axes.figure.legend(loc="outside lower center", ncols=columns, fontsize=6.5, frameon=False)
 
 
-def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
+def _costs(task: TaskScores, looks: Mapping[str, Look], axes: Axes) -> None:
     quantity, shown = costs(task)
     bounds = [] if quantity.bound is None else [quantity.bound]
     low, high = span([(each.score.low, each.score.value, each.score.high) for each in shown], bounds)
@@ -200,14 +219,14 @@ def _costs(task: TaskScores, colors: Mapping[str, str], axes: Axes) -> None:
             axes.annotate(task.bound_name, (1.0, value), (0, 2), edge, "offset points", ha="right", fontsize=7)
         )
     for each in shown:
-        color, score = colors[each.policy.policy], each.score
+        look, score = looks[each.policy.policy], each.score
         beyond = not low <= score.value <= high
         top = score.value > high or (math.isnan(score.value) and quantity.lower_is_better is True)
         y = (high if top else low) if beyond else score.value
         if not beyond and not math.isnan(score.low):
             ends = [max(low, score.low), min(high, score.high)]
-            axes.plot([each.action_us] * 2, ends, color=color, linewidth=1.6, alpha=0.55)
-        axes.plot(each.action_us, y, ("^" if top else "v") if beyond else "o", color=color, markersize=4)
+            axes.plot([each.action_us] * 2, ends, color=_color(look), linewidth=1.6, alpha=0.55)
+        axes.plot(each.action_us, y, **{**_point(look), **({"marker": "^" if top else "v"} if beyond else {})})
         place = (each.action_us, y), (4, 3)
         labels.append(axes.annotate(_label(each.policy.policy), *place, textcoords="offset points", fontsize=7))
     axes.set(xscale="log", ylim=_widened(low, high), xlabel="time of an action, with planning (\u00b5s)")

@@ -13,6 +13,7 @@ from typing import Any
 
 from agents.report.bundle import script, style
 from agents.report.charts import Chart
+from agents.report.looks import Look, policy_looks
 from agents.report.markup import Node, episodes_link, html, node
 from agents.report.numbers import Quantity, differences, profiled, quantities
 from agents.report.provenance import provenance
@@ -22,8 +23,6 @@ from agents.report.tables import costs_table, differences_table, profile_table, 
 from envs.rendering.document import palette_document
 from planners.files import write_text
 
-COLORS = 10
-"""How many colours there are for policies; further ones begin with the first again."""
 _DIGITS = 7  # of the numbers of an episode in the page
 
 
@@ -35,9 +34,9 @@ def write_report(files: Sequence[tuple[str, Results]], path: Path) -> None:
 def report_page(files: Sequence[tuple[str, Results]]) -> str:
     """The report as HTML. It needs nothing beside itself, and its security policy lets it ask for nothing."""
     tasks = side_by_side(files)
-    colors = policy_colors(files, tasks)
+    looks = policy_looks(files, tasks)
     code, styles = script(), style()
-    content = [_section(number, task, colors) for number, task in enumerate(tasks)]
+    content = [_section(number, task, looks) for number, task in enumerate(tasks)]
     page = node(
         "body",
         _header(files, tasks),
@@ -51,7 +50,7 @@ def report_page(files: Sequence[tuple[str, Results]]) -> str:
         provenance(files),
         node("dialog", id="episodes", aria_labelledby="episodes-title"),
         node("div", id="tip", role="tooltip", hidden=True),
-        node("script", packed(report_data(tasks, colors)), type="text/plain", id="data"),
+        node("script", packed(report_data(tasks, looks)), type="text/plain", id="data"),
     )
     policy = (
         f"default-src 'none'; script-src '{_digest(code)}'; style-src '{_digest(styles)}'; "
@@ -72,16 +71,9 @@ def report_page(files: Sequence[tuple[str, Results]]) -> str:
     )
 
 
-def policy_colors(files: Sequence[tuple[str, Results]], tasks: Sequence[TaskScores]) -> dict[str, int]:
-    """The number of the colour of each policy, the same in every task: in the order of the files."""
-    named = [each.policy for _, results in files for task in results.results for each in task.policies]
-    named += [each.policy for task in tasks for each in task.policies]
-    return {name: number % COLORS for number, name in enumerate(dict.fromkeys(named))}
-
-
-def report_data(tasks: Sequence[TaskScores], colors: Mapping[str, int]) -> dict[str, Any]:
+def report_data(tasks: Sequence[TaskScores], looks: Mapping[str, Look]) -> dict[str, Any]:
     """What the script of the page reads: every episode, and the replays."""
-    return {"palette": palette_document(), "tasks": [_task_data(task, colors) for task in tasks]}
+    return {"palette": palette_document(), "tasks": [_task_data(task, looks) for task in tasks]}
 
 
 def packed(document: Mapping[str, Any]) -> str:
@@ -90,7 +82,7 @@ def packed(document: Mapping[str, Any]) -> str:
     return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode()
 
 
-def _task_data(task: TaskScores, colors: Mapping[str, int]) -> dict[str, Any]:
+def _task_data(task: TaskScores, looks: Mapping[str, Look]) -> dict[str, Any]:
     bounds = task.bounds
     shown = [{"key": "return", "title": "return", "factor": 1.0, "lower": False, "share": False}]
     shown += [
@@ -121,7 +113,7 @@ def _task_data(task: TaskScores, colors: Mapping[str, int]) -> dict[str, Any]:
             {
                 "name": each.policy,
                 "source": each.policy if each.source is None else each.source,
-                "color": colors[each.policy],
+                "look": looks[each.policy].classes,
                 "actions": each.action_config,
                 "episodes": {
                     key: [_rounded(value) for value in column]
@@ -158,9 +150,9 @@ def _header(files: Sequence[tuple[str, Results]], tasks: Sequence[TaskScores]) -
     )
 
 
-def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
+def _section(number: int, task: TaskScores, looks: Mapping[str, Look]) -> Node:
     """The charts and tables of a task."""
-    chart, columns, pairs = Chart(number, task, colors), quantities(task), differences(task)
+    chart, columns, pairs = Chart(number, task, looks), quantities(task), differences(task)
     key = task.primary.key if task.primary else "return"
     count = f"{len(task.seeds)} {'episode' if len(task.seeds) == 1 else 'episodes'}"
     first = 3 if task.primary else 2
@@ -168,10 +160,10 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
     more = [
         _card(
             "How the episodes are distributed",
-            _below(chart.profiles(), _legend(task, colors)),
+            _below(chart.profiles(), _legend(task, looks)),
             f"Share of {_profiled(task)} that are a success with the value \u03c4 or a better one; the higher, "
             "the better. Bands: 95 % intervals.",
-            profile_table(number, task, colors),
+            profile_table(number, task, looks),
             f"{task.task} profile",
         ),
         _card(
@@ -186,7 +178,7 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
             "Cost against score",
             chart.costs(),
             "Time of the policy alone, planning included, as measured on the machine named below.",
-            costs_table(number, task, colors),
+            costs_table(number, task, looks),
             f"{task.task} cost",
         ),
     ]
@@ -201,7 +193,7 @@ def _section(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
         node("div", *points, class_="charts"),
         node(
             "div",
-            node("div", scores_table(number, task, colors), class_="scroll"),
+            node("div", scores_table(number, task, looks), class_="scroll"),
             _exports(f"{task.task} scores"),
             node("p", _caption(task), class_="caption"),
             class_="card exported",
@@ -233,9 +225,11 @@ def _split(title: str) -> tuple[str, str]:
     return (name, f" {unit.removesuffix(')')}") if bracket else (title, "")
 
 
-def _legend(task: TaskScores, colors: Mapping[str, int]) -> Node:
-    """Which colour is which policy."""
-    names = [node("li", node("span", class_=f"chip p{colors[each.policy]}"), each.policy) for each in task.policies]
+def _legend(task: TaskScores, looks: Mapping[str, Look]) -> Node:
+    """Which line is which policy."""
+    names = [
+        node("li", node("span", class_=f"stroke {looks[each.policy].classes}"), each.policy) for each in task.policies
+    ]
     bound = node("li", node("span", class_="dashes"), "best known") if task.bounds is not None else None
     return node("ul", *names, bound, class_="legend", aria_hidden="true")
 

@@ -27,7 +27,7 @@ function draw(tag, attributes, ...children) {
 export class Player {
   /**
    * @param {number[]} view visible rectangle, m
-   * @param {{name: string, color: number, verdict: string, good: boolean, replay: Replay}[]} runs
+   * @param {{name: string, look: string, verdict: string, good: boolean, replay: Replay}[]} runs
    * @param {number} chosen which of them is highlighted
    * @param {object} palettes colours of scenes, light and dark
    */
@@ -89,9 +89,10 @@ export class Player {
         type: "checkbox", checked: true, "aria-label": `Show ${run.name}`,
         onchange: (event) => { run.shown = event.target.checked; this.show(); },
       });
+      run.chip = make("span", { class: `chip ${run.look}`, "aria-hidden": "true" });
       run.button = make(
         "button", { type: "button", onclick: () => this.highlight(place) },
-        make("span", { class: `chip p${run.color}`, "aria-hidden": "true" }), make("b", {}, run.name), " ",
+        run.chip, make("b", {}, run.name), " ",
         make("span", { class: run.good ? "good" : "bad" }, run.verdict),
       );
       this.list.append(make("li", {}, shown, run.button));
@@ -104,10 +105,7 @@ export class Player {
   highlight(place) {
     this.chosen = place;
     this.view.palette = this.#palette();
-    this.runs.forEach((run, i) => {
-      run.button.setAttribute("aria-pressed", String(i === place));
-      run.tint = opaque(getComputedStyle(document.documentElement).getPropertyValue(`--p${run.color}`).trim());
-    });
+    this.runs.forEach((run, i) => run.button.setAttribute("aria-pressed", String(i === place)));
     const { replay } = this.runs[place];
     const torques = replay.at(0).torque_ratios.map((_, i) => [`joint ${i + 1}`, replay.series(`torque_ratios.${i}`)]);
     const limits = replay.scene.limit_gauges.map(([label], i) => [String(label), replay.series(`limit_gauges.${i}.1`)]);
@@ -186,9 +184,9 @@ export class Player {
     const top = this.runs[this.chosen];
     const ghosts = this.runs
       .filter((run) => run.shown && run !== top)
-      .map((run) => ({ scene: run.replay.at(this.time), color: run.tint }));
+      .map((run) => ({ scene: run.replay.at(this.time), color: tint(run) }));
     const scene = top.replay.at(this.time);
-    this.view.draw(scene, { ghosts, color: top.tint });
+    this.view.draw(scene, { ghosts, color: tint(top) });
     this.slider.value = this.time;
     this.slider.setAttribute("aria-valuetext", `${this.time.toFixed(2)} s`);
     this.clock.textContent = `${this.time.toFixed(2)} / ${this.duration.toFixed(2)} s`;
@@ -204,7 +202,10 @@ export class Player {
   }
 }
 
-/** A colour as "#rrggbb". */
-function opaque(color) {
-  return /^#[0-9a-f]{6}$/i.test(color) ? color : "#2f80c4";
+/** The colour of a run as "#rrggbb". */
+function tint(run) {
+  const color = getComputedStyle(run.chip).color;
+  const unit = color.startsWith("color(") ? 255 : 1;
+  const channels = (color.match(/[\d.]+(?:e-\d+)?/g) ?? []).slice(0, 3).map((each) => Math.min(255, Math.round(unit * Number(each))));
+  return `#${channels.map((each) => each.toString(16).padStart(2, "0")).join("")}`;
 }

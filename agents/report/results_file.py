@@ -71,6 +71,7 @@ class PolicyScores(_Part):
     """The scores of a policy on a task."""
 
     policy: str
+    original: str | None = None  # its name in its file, if a report gives it another
     source: str | None = None
     action_config: dict[str, Any] = {}
     summary: dict[str, _Estimate]

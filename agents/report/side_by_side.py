@@ -37,7 +37,9 @@ def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
     for name, part in parts[1:]:
         taken = {each.policy for each in merged.policies}
         new = {each.policy: _free_name(each.policy, name, taken) for each in part.policies}
-        policies = [each.model_copy(update={"policy": new[each.policy]}) for each in part.policies]
+        policies = [
+            each.model_copy(update={"policy": new[each.policy], "original": each.policy}) for each in part.policies
+        ]
         pairs = [pair.model_copy(update={"policy": new.get(pair.policy, "")}) for pair in part.pairs]
         merged = merged.model_copy(
             update={

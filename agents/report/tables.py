@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
+from agents.report.looks import Look
 from agents.report.markup import Node, episodes_link, node
 from agents.report.numbers import Quantity, profiles, quantiles, quantities
 from agents.report.results_file import TaskScores
@@ -16,13 +17,13 @@ SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
 """Of the episodes, in the table of a performance profile."""
 
 
-def scores_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
+def scores_table(number: int, task: TaskScores, looks: Mapping[str, Look]) -> Node:
     """Everything about every policy: the table behind the points."""
     columns = quantities(task)
     heads = ["policy", *(column.title for column in columns), "plan (ms)", "action (\u00b5s)"]
     rows = []
     for place, policy in enumerate(task.policies):
-        cells = [_name(policy.policy, colors)]
+        cells = [_name(policy.policy, looks)]
         for column in columns:
             estimate = column.of(policy)
             link = episodes_link(number, [place], column.column)
@@ -39,7 +40,7 @@ def scores_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> No
     return _table(heads, rows)
 
 
-def profile_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node | None:
+def profile_table(number: int, task: TaskScores, looks: Mapping[str, Look]) -> Node | None:
     """The values that shares of the episodes reach: the table behind the profiles."""
     metric, curves = task.primary, profiles(task)
     if metric is None or not curves:
@@ -52,7 +53,7 @@ def profile_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> N
         link = episodes_link(number, [place], metric.key)
         known = place < len(task.policies)  # the last one may be the bound's
         cells = [_number(each, quantity, link, precise=False) if known else _plain(each.value) for each in values]
-        rows.append([_name(curve.name, colors), *cells])
+        rows.append([_name(curve.name, looks), *cells])
     return _table(heads, rows)
 
 
@@ -79,7 +80,7 @@ def differences_table(number: int, task: TaskScores, pairs: Sequence[Pair]) -> N
     return _table(heads, rows)
 
 
-def costs_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> Node:
+def costs_table(number: int, task: TaskScores, looks: Mapping[str, Look]) -> Node:
     """Where the time of every policy goes."""
     heads = [
         "policy",
@@ -97,7 +98,7 @@ def costs_table(number: int, task: TaskScores, colors: Mapping[str, int]) -> Nod
         parts = [policy.action_us, timing.planning_seconds / steps, timing.policy_seconds / steps]
         numbers = [*parts, float(timing.plans), float(timing.infeasible), timing.env_seconds / steps]
         cells = [_plain(value, f"{value:.0f}" if place in (3, 4) else None) for place, value in enumerate(numbers)]
-        rows.append([_name(policy.policy, colors), *cells])
+        rows.append([_name(policy.policy, looks), *cells])
     return _table(heads, rows)
 
 
@@ -107,9 +108,9 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[Node]]) -> Node:
     return node("table", node("thead", head), node("tbody", *(node("tr", *row) for row in rows)), class_="numbers")
 
 
-def _name(policy: str, colors: Mapping[str, int]) -> Node:
-    color = colors.get(policy)
-    dot = None if color is None else node("span", class_=f"chip p{color}", aria_hidden="true")
+def _name(policy: str, looks: Mapping[str, Look]) -> Node:
+    look = looks.get(policy)
+    dot = None if look is None else node("span", class_=f"chip {look.classes}", aria_hidden="true")
     return node("td", dot, policy, class_="name" if dot is not None else "name muted")
 
 

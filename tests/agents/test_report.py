@@ -22,6 +22,7 @@ from agents.commands.report import ReportOptions, run
 from agents.evaluation.statistics import Estimate
 from agents.report.bundle import bundled, script
 from agents.report.figures import task_figures, write_figures
+from agents.report.looks import Look, policy_looks
 from agents.report.page import report_page
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
@@ -175,6 +176,20 @@ def test_files_stand_side_by_side(scored: dict[str, Any]) -> None:
     assert data_of(report_page([("one", first), ("two", second)]))["tasks"][0]["policies"][5]["name"]
 
 
+def test_policies_of_several_files_look_different(scored: dict[str, Any]) -> None:
+    task = scored["results"][0]
+    names = [f"policy {number}" for number in range(10)]
+    many = {**task, "pairs": [], "policies": [{**task["policies"][0], "policy": name} for name in names]}
+    files = [(file, Results.of({**scored, "results": [many]})) for file in ("one", "two", "three", "four")]
+    tasks = side_by_side(files)
+    looks = policy_looks(files, tasks)
+    assert [looks[name].color for name in names] == list(range(10))
+    assert len(set(looks.values())) == len(looks) == 40
+    assert all(looks[f"{name} ({file})"].color == looks[name].color for name in names for file in ("two", "four"))
+    data = data_of(report_page(files))["tasks"][0]
+    assert len({policy["look"] for policy in data["policies"]}) == 40
+
+
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
@@ -283,7 +298,7 @@ def test_labels_of_the_cost_chart_are_apart(scored: dict[str, Any]) -> None:
     apf = next(each for each in task["policies"] if each["policy"] == "apf")
     task["policies"] = [{**apf, "policy": name} for name in ("apf", "another", "the third")]
     charts = dict(
-        task_figures(TaskScores.model_validate(task), dict.fromkeys(("apf", "another", "the third"), "black"))
+        task_figures(TaskScores.model_validate(task), dict.fromkeys(("apf", "another", "the third"), Look(0)))
     )
     labels = charts["cost"].axes[0].texts
     assert [text.get_text() for text in labels] == ["best known (first 4)", "apf", "another", "the third"]
