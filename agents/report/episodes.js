@@ -12,6 +12,11 @@ export function numberText(value) {
   return Math.abs(value) < 10 ? value.toFixed(3) : value.toFixed(1);
 }
 
+/** A difference of two values that are 0 or 1. */
+function pointsText(difference) {
+  return difference === 1 ? "+1" : String(difference ?? "\u2013").replace("-", "\u2212");
+}
+
 /** The name in a title such as "settled (s)", and its unit. */
 function split(title) {
   const found = /^(.*) \((.*)\)$/.exec(title);
@@ -22,8 +27,19 @@ function split(title) {
 export function parseAddress(hash) {
   const found = /^#\/(\d+)\/(\d+)(?:-(\d+))?\/([^/]+)(?:\/(\d+))?$/.exec(hash);
   if (!found) return null;
+  const key = decoded(found[4]);
+  if (key === null) return null;
   const [task, first, second] = found.slice(1, 4).map((text) => (text === undefined ? null : Number(text)));
-  return { task, policies: second === null ? [first] : [first, second], key: decodeURIComponent(found[4]), seed: found[5] ? Number(found[5]) : null };
+  return { task, policies: second === null ? [first] : [first, second], key, seed: found[5] ? Number(found[5]) : null };
+}
+
+/** A part of an address as it was before it was encoded; null if it is damaged. */
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return null;
+  }
 }
 
 function address({ task, policies, key }, seed) {
@@ -135,7 +151,7 @@ export class Episodes {
       const values = shown.map((place) => valueOf(task.policies[place], quantity, episode));
       if (second !== undefined) {
         const difference = values[0] === null || values[1] === null ? null : values[0] - values[1];
-        cells.push(make("td", { "data-v": difference ?? "" }, this.#text(quantity, difference)));
+        cells.push(make("td", { "data-v": difference ?? "" }, quantity.share ? pointsText(difference) : numberText(difference)));
       }
       shown.forEach((place, i) => {
         const good = task.policies[place].episodes.is_success[episode];
@@ -179,7 +195,7 @@ export class Episodes {
     const runs = [];
     task.policies.forEach((policy, place) => {
       const found = own.find((each) => each.policy === policy.name);
-      const replay = found && decoded(found, task.replays.units);
+      const replay = found && replayOf(found, task.replays.units);
       if (!replay) return;
       const good = Boolean(policy.episodes.is_success[episode]);
       const value = valueOf(policy, primary, episode);
@@ -207,7 +223,7 @@ export class Episodes {
 }
 
 /** A replay; null if it is damaged, as in a file that somebody has changed. */
-function decoded(recorded, units) {
+function replayOf(recorded, units) {
   try {
     const replay = new Replay(recorded, units);
     replay.at(0).torque_ratios.forEach((each) => each);

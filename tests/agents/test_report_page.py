@@ -93,6 +93,27 @@ def test_a_number_opens_its_episodes_worst_first(page: Any, scored: dict[str, An
     assert "#" not in page.url
 
 
+def test_a_difference_of_successes_is_one_zero_or_minus_one(page: Any) -> None:
+    names = page.locator("#task-0 table").first.locator("tbody td.name").all_text_contents()
+    first, second = names.index("apf"), names.index("random")
+    for pair, expected in (((first, second), "+1"), ((second, first), "\u22121")):
+        page.goto(f"{page.url.partition('#')[0]}#/0/{pair[0]}-{pair[1]}/is_success")
+        page.locator("#episodes-title", has_text=f"of {names[pair[0]]}").wait_for()
+        table = page.locator("dialog table")
+        both = [[text.split()[0] == "yes" for text in column(table, place)] for place in (3, 4)]
+        wanted = ["0" if one == other else expected for one, other in zip(*both, strict=True)]
+        assert column(table, 2) == wanted
+        assert expected in wanted
+
+
+def test_a_damaged_address_opens_nothing(page: Any) -> None:
+    page.goto(f"{page.url}#/0/0/%E0%A4%A")
+    page.wait_for_timeout(100)
+    assert not page.locator("dialog[open]").count()
+    page.goto(f"{page.url.partition('#')[0]}#/0/0/return")
+    page.wait_for_selector("dialog[open]")
+
+
 def test_a_point_of_a_chart_opens_its_episodes_by_keyboard(page: Any) -> None:
     mark = page.locator("#task-1 svg a.mark").first
     mark.focus()
