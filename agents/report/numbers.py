@@ -28,7 +28,9 @@ class Quantity:
         lower_is_better: the direction; None if there is none.
         share: whether it is a share of episodes, in percent.
         bound: the median of the best known values, in that unit; None without.
+        proven: the median of the lower bounds, in that unit; None without.
         published: the figure of a paper, in that unit; None without.
+        source: the column of the episodes that it summarises, if that is not called as the key.
     """
 
     key: str
@@ -37,12 +39,14 @@ class Quantity:
     lower_is_better: bool | None = False
     share: bool = False
     bound: float | None = None
+    proven: float | None = None
     published: float | None = None
+    source: str | None = None
 
     @property
     def column(self) -> str:
         """The column of the episodes that it summarises."""
-        return {"success": "is_success", "limit_broken": "limit_ratio"}.get(self.key, self.key)
+        return self.source or self.key
 
     def of(self, policy: PolicyScores) -> Estimate | None:
         """The estimate of a policy in the unit of the title."""
@@ -98,6 +102,7 @@ def quantities(task: TaskScores) -> list[Quantity]:
                 metric.lower_is_better,
                 share,
                 bound if bound is not None and math.isfinite(bound) else None,
+                metric.factor * float(np.median(task.certified)) if bound is not None and task.certified else None,
                 metric.factor * paper if isinstance(paper, (int, float)) else None,
             )
         )
@@ -105,9 +110,12 @@ def quantities(task: TaskScores) -> list[Quantity]:
     columns.sort(key=lambda column: column.key != wanted)
     primary = int(bool(columns) and columns[0].key == wanted)  # how many there are
     others = [Quantity("limit_ratio", "limit ratio", lower_is_better=True)]
-    others.append(Quantity("limit_broken", "broken (%)", 100.0, lower_is_better=True, share=True))
+    others.append(Quantity("limit_broken", "broken (%)", 100.0, True, share=True, source="limit_ratio"))
+    if bounds is not None:
+        better, key = bounds[0].lower_is_better, bounds[0].key
+        others.insert(0, Quantity("above_bound", "over best known", bounds[0].factor, better, source=key))
     columns += [each for each in others if any(each.key in policy.summary for policy in task.policies)]
-    first = [Quantity("success", "success (%)", 100.0, share=True), *columns[:primary]]
+    first = [Quantity("success", "success (%)", 100.0, share=True, source="is_success"), *columns[:primary]]
     return [*first, Quantity("return", "return"), *columns[primary:]]
 
 

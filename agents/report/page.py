@@ -94,7 +94,7 @@ def _task_data(task: TaskScores, looks: Mapping[str, Look]) -> dict[str, Any]:
             "share": each.share,
         }
         for each in quantities(task)
-        if each.key not in ("return", "limit_broken")
+        if each.key not in ("return", "limit_broken", "above_bound")
     ]
     best = None
     if bounds is not None:
@@ -244,6 +244,9 @@ def _caption(task: TaskScores) -> str:
     meaning, bound = task.bound_meaning, ""
     if task.bounds is not None and meaning:
         bound = f" {task.bound_name.capitalize()}: {meaning}, from the same starts; the median."
+        bound += " Over best known: the difference."
+        if task.certified:
+            bound += " Lower bound: proven, no motion is better; the median."
     return (
         "Shares with Wilson's 95 % interval; return: interquartile mean with its 95 % bootstrap interval; all else: "
         f"medians. A dash: not defined, or not computed.{bound}"

@@ -76,17 +76,14 @@ class PolicyScores(_Part):
     action_config: dict[str, Any] = {}
     summary: dict[str, _Estimate]
     timing: _Timing
-    episodes: dict[str, list[bool | float | None]]
+    episodes: dict[str, list[bool | int | float | None]]
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        missing = [name for name in _EPISODE if name not in self.episodes]
-        if missing or len({len(column) for column in self.episodes.values()}) != 1 or not self.episodes["seed"]:
-            raise ValueError(
-                f"episodes of {self.policy}: expected columns of one length, {', '.join(_EPISODE)} and more"
-            )
-        if not all(type(seed) is float and seed >= 0.0 and seed.is_integer() for seed in self.episodes["seed"]):
-            raise ValueError(f"episodes of {self.policy}: seeds are whole numbers")
+        if problem := _problem(self.episodes):
+            raise ValueError(f"episodes of {self.policy}: {problem}")
+        if missing := {"success", "return"} - self.summary.keys():
+            raise ValueError(f"summary of {self.policy}: expected {' and '.join(sorted(missing))}")
         return self
 
     @property
@@ -124,6 +121,20 @@ class PolicyScores(_Part):
     def action_us(self) -> float:
         """Time of an action, with planning, microseconds."""
         return 1e6 * (self.timing.planning_seconds + self.timing.policy_seconds) / self.timing.env_steps
+
+
+def _problem(columns: Mapping[str, Sequence[bool | float | None]]) -> str | None:
+    """What is wrong with the columns of episodes; None if nothing is."""
+    if not columns.keys() >= set(_EPISODE) or len(set(map(len, columns.values()))) != 1 or not columns["seed"]:
+        return f"expected columns of one length, {', '.join(_EPISODE)} and more"
+    for name, meaning in (("seed", "seeds"), ("length", "lengths")):
+        if not all(type(each) in (int, float) and 0 <= each < 2**63 and each % 1 == 0 for each in columns[name]):
+            return f"{meaning} are whole numbers from 0 to below 2^63"
+    if len(set(columns["seed"])) < len(columns["seed"]):
+        return "two have the same seed"
+    if any(each not in (0.0, 1.0) for each in columns["is_success"]):
+        return "is_success is true or false"
+    return None
 
 
 class _Pair(_Part):
@@ -169,6 +180,7 @@ class TaskScores(_Part):
     options: dict[str, Any] = {}
     policies: list[PolicyScores] = Field(min_length=1)
     bound: dict[str, list[float | None]] | None = None
+    lower_bound: dict[str, list[float | None] | None] | None = None
     bound_meaning: str | None = None
     published: dict[str, Any] | None = None
     pairs: list[_Pair] = []
@@ -181,6 +193,8 @@ class TaskScores(_Part):
             raise ValueError(f"the policies of {self.task} have different seeds")
         if len({each.policy for each in self.policies}) < len(self.policies):
             raise ValueError(f"two policies of {self.task} have the same name")
+        if self.bounded is not None and len(self.bounded[1]) > len(self.seeds):
+            raise ValueError(f"{self.task} has more best known values than episodes")
         for metric in self.columns:
             if metric.primary and any(metric.key not in each.episodes for each in self.policies):
                 raise ValueError(f"a policy of {self.task} has no {metric.key} of its episodes")
@@ -211,19 +225,34 @@ class TaskScores(_Part):
     @property
     def bounds(self) -> tuple[Metric, dict[int, float]] | None:
         """The bounded metric and its best known value by seed, inf where none is known."""
-        if not self.bound:
+        if self.bounded is None:
             return None
-        metric = next((metric for metric in self.columns if metric.key in self.bound), None)
-        if metric is None:
-            return None
-        values = [np.inf if value is None else value for value in self.bound[metric.key]]
-        return metric, dict(zip(self.seeds, values, strict=False))
+        metric, values = self.bounded
+        return metric, dict(zip(self.seeds, (np.inf if value is None else value for value in values), strict=False))
+
+    @property
+    def certified(self) -> list[float]:
+        """The lower bounds of the bounded metric by episode; empty unless all are known."""
+        found = None if self.bounded is None else (self.lower_bound or {}).get(self.bounded[0].key)
+        known = [value for value in found or [] if value is not None]
+        return known if len(known) == len(found or []) else []
+
+    @property
+    def bounded(self) -> tuple[Metric, list[float | None]] | None:
+        """The bounded metric and its best known values as they are in the file; None without any."""
+        given = self.bound or {}
+        return next(((each, given[each.key]) for each in self.columns if given.get(each.key)), None)
 
     @property
     def bound_name(self) -> str:
         """What the best known values are called, with their number if only the first episodes have one."""
+        return f"best known{self.which_bounded}"
+
+    @property
+    def which_bounded(self) -> str:
+        """Which episodes have a best known value, for names; empty for all."""
         count = len(self.bounds[1]) if self.bounds is not None else len(self.seeds)
-        return "best known" if count == len(self.seeds) else f"best known (first {count})"
+        return "" if count == len(self.seeds) else f" (first {count})"
 
 
 def ranked(policies: Sequence[PolicyScores]) -> list[PolicyScores]:

@@ -46,6 +46,7 @@ def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
                 "policies": [*merged.policies, *policies],
                 "pairs": [*merged.pairs, *pairs],
                 "bound": merged.bound or part.bound,
+                "lower_bound": merged.lower_bound if merged.bound else part.lower_bound,
                 "bound_meaning": merged.bound_meaning or part.bound_meaning,
                 "published": merged.published or part.published,
                 "metrics": merged.metrics or part.metrics,

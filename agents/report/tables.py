@@ -30,7 +30,8 @@ def scores_table(number: int, task: TaskScores, looks: Mapping[str, Look]) -> No
             cells.append(_number(estimate, column, link, precise=column.share or column.key == "return"))
         planning = 1e3 * policy.timing.planning_seconds / policy.timing.plans if policy.timing.plans else math.nan
         rows.append([*cells, _plain(planning), _plain(policy.action_us)])
-    for name, attribute in ((task.bound_name, "bound"), ("paper", "published")):
+    proven = f"lower bound{task.which_bounded}"
+    for name, attribute in ((task.bound_name, "bound"), (proven, "proven"), ("paper", "published")):
         values = [getattr(column, attribute) for column in columns]
         if any(value is not None for value in values):
             known = [math.nan if value is None else value for value in values]
@@ -64,7 +65,7 @@ def differences_table(number: int, task: TaskScores, pairs: Sequence[Pair]) -> N
     metric = task.primary
     shown = Quantity(metric.key, metric.title, metric.factor) if metric else None
     places = {each.policy: place for place, each in enumerate(task.policies)}
-    points, returns = Quantity("success", "success (points)", 100.0), Quantity("return", "return")
+    points, returns = Quantity("success", "success (points)", 100.0, source="is_success"), Quantity("return", "return")
     better = Quantity(shown.key if shown else "return", "better (%)", 100.0, share=True)
     heads = ["difference", points.title, *([shown.title] if shown else []), returns.title, better.title]
     rows = []

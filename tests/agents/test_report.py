@@ -218,11 +218,41 @@ def test_results_without_their_metric_or_with_other_seeds_are_refused(scored: di
     task, path = scored["results"][0], tmp_path / "results.json"
     policy = task["policies"][0]
     without = {name: values for name, values in policy["episodes"].items() if name != "settling_time"}
-    broken = {**policy["episodes"], "seed": [0.5, *policy["episodes"]["seed"][1:]]}
-    for episodes, complaint in ((without, "has no settling_time of its episodes"), (broken, "seeds are whole numbers")):
+    cases = [(without, "has no settling_time of its episodes")]
+    for name, value, complaint in (
+        ("seed", 0.5, "seeds are whole numbers"),
+        ("seed", 1e20, "seeds are whole numbers"),
+        ("seed", 1, "two have the same seed"),
+        ("length", None, "lengths are whole numbers"),
+        ("length", 1e20, "lengths are whole numbers"),
+        ("is_success", 3, "is_success is true or false"),
+    ):
+        cases.append(({**policy["episodes"], name: [value, *policy["episodes"][name][1:]]}, complaint))
+    for episodes, complaint in cases:
         path.write_text(json.dumps({"results": [{**task, "policies": [{**policy, "episodes": episodes}]}]}))
         with pytest.raises(ValueError, match=complaint):
             Results.read(path)
+
+
+def test_large_seeds_are_kept(scored: dict[str, Any], tmp_path: Path) -> None:
+    task, path = scored["results"][0], tmp_path / "results.json"
+    seeds = [2**62 + number for number in range(6)]
+    policies = [{**each, "episodes": {**each["episodes"], "seed": seeds}} for each in task["policies"]]
+    path.write_text(json.dumps({"results": [{**task, "policies": policies, "replays": None}]}))
+    assert Results.read(path).results[0].seeds == seeds
+
+
+def test_the_numbers_of_the_leaderboard_are_in_the_page(scored: dict[str, Any], page: str) -> None:
+    assert "over best known" in Page(page).texts["button"]
+    above = [each["summary"]["above_bound"]["value"] for each in scored["results"][0]["policies"]]
+    cells = [value for name, value in Page(page).attributes if name == "data-v"]
+    assert all(repr(value) in cells for value in above if value is not None)
+    task = {**scored["results"][0], "lower_bound": {"settling_time": [1.0, 0.5, 0.625, 0.75]}}
+    for bounds, shown in (([1.0, 0.5, 0.625, 0.75], True), ([1.0, None, 0.625, 0.75], False)):
+        task["lower_bound"] = {"settling_time": bounds}
+        read = Page(report_page([("results", Results.of({"results": [task]}))]))
+        assert ("lower bound (first 4)" in read.texts["td"]) is shown
+        assert (("data-v", "0.6875") in read.attributes) is shown
 
 
 def test_columns_of_different_lengths_are_refused(scored: dict[str, Any], tmp_path: Path) -> None:
