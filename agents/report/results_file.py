@@ -123,12 +123,16 @@ class PolicyScores(_Part):
         return 1e6 * (self.timing.planning_seconds + self.timing.policy_seconds) / self.timing.env_steps
 
 
+def _is_whole(value: bool | float | None) -> bool:
+    return value is not None and not isinstance(value, bool) and 0 <= value < 2**63 and value % 1 == 0
+
+
 def _problem(columns: Mapping[str, Sequence[bool | float | None]]) -> str | None:
     """What is wrong with the columns of episodes; None if nothing is."""
     if not columns.keys() >= set(_EPISODE) or len(set(map(len, columns.values()))) != 1 or not columns["seed"]:
         return f"expected columns of one length, {', '.join(_EPISODE)} and more"
     for name, meaning in (("seed", "seeds"), ("length", "lengths")):
-        if not all(type(each) in (int, float) and 0 <= each < 2**63 and each % 1 == 0 for each in columns[name]):
+        if not all(_is_whole(each) for each in columns[name]):
             return f"{meaning} are whole numbers from 0 to below 2^63"
     if len(set(columns["seed"])) < len(columns["seed"]):
         return "two have the same seed"
