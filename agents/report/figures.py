@@ -13,8 +13,9 @@ from typing import Any
 from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.figures.sheet import Axes, Figure, new_sheet
-from agents.report.axes import span
+from agents.report.axes import Axis, span, tick_text
 from agents.report.drawing import shortened
+from agents.report.labels import Box, place_labels
 from agents.report.looks import Look, policy_looks
 from agents.report.numbers import Quantity, costs, differences, profiled, profiles, quantities
 from agents.report.results_file import Results, TaskScores
@@ -232,18 +233,36 @@ def _costs(task: TaskScores, looks: Mapping[str, Look], axes: Axes) -> None:
     axes.set(xscale="log", ylim=_widened(low, high), xlabel="time of an action, with planning (\u00b5s)")
     axes.set_ylabel(_plain(quantity.title))
     axes.margins(x=0.2)
+    low, high = axes.get_xlim()
+    ticks = Axis(low, high, 0.0, 1.0, logarithmic=True).ticks()
+    axes.set_xticks(ticks, [tick_text(tick) for tick in ticks])
+    axes.set_xticks([], minor=True)
+    for label in labels:
+        label.set_in_layout(False)
     _move_apart(labels, axes)
 
 
 def _move_apart(labels: Sequence[Any], axes: Axes) -> None:
-    """Move annotations up until none is over another or over a point."""
+    """Move annotations within the axes to where none is over another or over a point."""
     sheet: Any = axes.figure
     sheet.draw_without_rendering()
-    taken = [line.get_window_extent() for line in axes.lines if line.get_marker() != "None"]
-    for label in sorted(labels, key=lambda each: each.get_window_extent().y0):
-        while any(label.get_window_extent().overlaps(other) for other in taken):
-            label.xyann = (label.xyann[0], label.xyann[1] + 1.0)
-        taken.append(label.get_window_extent())
+    to_points = 72.0 / sheet.dpi
+    fixed = [label for label in labels if label.get_ha() == "right"]
+    moved = [label for label in labels if label not in fixed]
+    taken: list[Box] = [tuple(label.get_window_extent().extents) for label in fixed]
+    points: list[Any] = [tuple(axes.transData.transform(label.xy).tolist()) for label in moved]
+    sizes = [(label.get_window_extent().width + 2.0, label.get_window_extent().height) for label in moved]
+    area: Any = tuple(axes.bbox.extents)
+    for label in fixed:
+        y = label.get_window_extent().y0
+        taken.append((area[0], y - 5.0, area[2], y))
+    places = place_labels(points, sizes, area, taken)
+    for label, (x, y), place in zip(moved, points, places, strict=True):
+        label.xyann = to_points * (place.box[0] - x), to_points * (place.box[1] - y)
+        label.set_verticalalignment("bottom")
+        if place.line is not None:
+            ends = axes.transData.inverted().transform(place.line)
+            axes.plot(ends[:, 0], ends[:, 1], color="0.4", linewidth=0.5)
 
 
 def _widened(low: float, high: float) -> tuple[float, float]:
