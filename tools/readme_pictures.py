@@ -22,7 +22,7 @@ from agents.environments import make_one
 from agents.figures.film import Film
 from agents.policies.lookup import find_policy
 from agents.policies.play import play
-from agents.report.figures import write_figures
+from agents.report.pictures.figures import write_figures
 from agents.report.results_file import Results
 from envs.rendering import palette
 from envs.rendering.renderer import PANEL_SHARE

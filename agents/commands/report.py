@@ -49,7 +49,7 @@ def run(options: ReportOptions) -> int:
         write_report(files, out)
         note(f"wrote {out}")
     if options.figures is not None:
-        from agents.report.figures import write_figures
+        from agents.report.pictures.figures import write_figures
 
         count = write_figures(files, options.figures)
         note(f"wrote {count} files to {options.figures}")

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.report.bundle import script, style
-from agents.report.charts import Chart
-from agents.report.looks import Look, policy_looks
 from agents.report.markup import Node, episodes_link, html, node
 from agents.report.numbers import Quantity, differences, profiled, quantities
+from agents.report.pictures.charts import Chart
+from agents.report.pictures.looks import Look, policy_looks
 from agents.report.provenance import provenance
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side

@@ -197,8 +197,6 @@ class TaskScores(_Part):
             raise ValueError(f"the policies of {self.task} have different seeds")
         if len({each.policy for each in self.policies}) < len(self.policies):
             raise ValueError(f"two policies of {self.task} have the same name")
-        if self.bounded is not None and len(self.bounded[1]) > len(self.seeds):
-            raise ValueError(f"{self.task} has more best known values than episodes")
         for metric in self.columns:
             if metric.primary and any(metric.key not in each.episodes for each in self.policies):
                 raise ValueError(f"a policy of {self.task} has no {metric.key} of its episodes")

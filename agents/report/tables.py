@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
-from agents.report.looks import Look
 from agents.report.markup import Node, episodes_link, node
 from agents.report.numbers import Quantity, profiles, quantiles, quantities
+from agents.report.pictures.looks import Look
 from agents.report.results_file import TaskScores
 from agents.tables import number_text, percent_text
 

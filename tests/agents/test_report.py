@@ -21,9 +21,9 @@ from agents.cli import main
 from agents.commands.report import ReportOptions, run
 from agents.evaluation.statistics import Estimate
 from agents.report.bundle import bundled, script
-from agents.report.figures import task_figures, write_figures
-from agents.report.looks import Look, policy_looks
 from agents.report.page import report_page
+from agents.report.pictures.figures import task_figures, write_figures
+from agents.report.pictures.looks import Look, policy_looks
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from agents.report.labels import Box, Point, place_labels
+from agents.report.pictures.labels import Box, Point, place_labels
 
 AREA = (50.0, 4.0, 400.0, 300.0)
 

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.report.axes import Axis, span
-from agents.report.drawing import (
+from agents.report.markup import Node, episodes_link, node
+from agents.report.numbers import Cost, Quantity, costs, profiled, profiles
+from agents.report.pictures.drawing import (
     CHARACTER,
     WIDTH,
     arrow,
@@ -26,10 +28,8 @@ from agents.report.drawing import (
     x_axis,
     y_axis,
 )
-from agents.report.labels import Box, Label, Point, place_labels
-from agents.report.looks import Look
-from agents.report.markup import Node, episodes_link, node
-from agents.report.numbers import Cost, Quantity, costs, profiled, profiles
+from agents.report.pictures.labels import Box, Label, Point, place_labels
+from agents.report.pictures.looks import Look
 from agents.report.results_file import TaskScores
 from agents.tables import percent_text
 

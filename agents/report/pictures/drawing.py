@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from agents.report.axes import Axis, tick_text
-from agents.report.labels import Label, Point
 from agents.report.markup import Node, node
+from agents.report.pictures.labels import Label, Point
 from planners.typing import Array
 
 WIDTH = 400.0

@@ -14,10 +14,10 @@ from agents.evaluation.compare import Pair
 from agents.evaluation.statistics import Estimate
 from agents.figures.sheet import Axes, Figure, new_sheet
 from agents.report.axes import Axis, span, tick_text
-from agents.report.drawing import shortened
-from agents.report.labels import Box, place_labels
-from agents.report.looks import Look, policy_looks
 from agents.report.numbers import Quantity, costs, differences, profiled, profiles, quantities
+from agents.report.pictures.drawing import shortened
+from agents.report.pictures.labels import Box, place_labels
+from agents.report.pictures.looks import Look, policy_looks
 from agents.report.results_file import Results, TaskScores
 from agents.report.side_by_side import side_by_side
 from agents.tables import percent_text

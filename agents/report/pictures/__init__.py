@@ -1,0 +1,1 @@
+"""Pictures of results: charts of the page, and figures for papers."""
