@@ -129,9 +129,9 @@ class _PlainLoader(_Loader):  # type: ignore[misc]
 
 
 def _whole_number(loader: _PlainLoader, node: yaml.ScalarNode) -> Any:
-    """A whole number as YAML 1.2 reads it: 010 is ten; 1:30, 1_0 and 0b11 are texts."""
+    """A whole number as YAML 1.2 reads it, or with thousands apart (1_000): 010 is ten; 1:30, 1_0, 0b11 are texts."""
     text = str(node.value)
-    if re.fullmatch(r"[-+]?0[0-9]+", text):
+    if re.fullmatch(r"[-+]?(0[0-9]+|[0-9]{1,3}(_[0-9]{3})+)", text):
         return int(text, 10)
     return text if re.search("[:_b]", text) else loader.construct_yaml_int(node)
 

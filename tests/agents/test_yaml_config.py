@@ -60,6 +60,11 @@ def test_powers_of_ten_are_numbers(number: str) -> None:
         assert assigned({}, [f"name={text}"]) == {"name": text}
 
 
+@pytest.mark.parametrize(("written", "read"), [("1_000_000", 1_000_000), ("010", 10), ("1_0", "1_0"), ("0b11", "0b11")])
+def test_whole_numbers_are_those_of_yaml_1_2_or_have_thousands_apart(written: str, read: object) -> None:
+    assert assigned({}, [f"total_steps={written}"]) == {"total_steps": read}
+
+
 def test_missing_files_and_unknown_names(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="cannot read"):
         load_config(str(tmp_path / "none.yaml"), BenchmarkConfig)

@@ -201,7 +201,7 @@ def test_names() -> None:
 @every_task
 @pytest.mark.parametrize("mass", [-0.1, 10.5, float("nan"), "heavy"])
 def test_impossible_payloads_are_refused(env_id: str, mass: Any) -> None:
-    with pytest.raises(ValueError, match=f"{env_id} setting: payload = .*must be (from 0 to 10|a finite number)"):
+    with pytest.raises(ValueError, match=f"{env_id} setting: payload = .*must be (from 0 to 10|a (finite )?number)"):
         gym.make(env_id, payload=mass)
 
 
