@@ -168,11 +168,12 @@ class _Page:
             await self._send({"kind": "bound", "text": text})
 
     def _messages(self) -> list[Message]:
-        """All that have come; of changes of one control, and places of the mouse, the last."""
+        """All that have come; of choices, restarts, changes of one control, and places of the mouse, the last."""
         latest: dict[Any, Message] = {}
         for number in range(self._inbox.qsize()):
             message = self._inbox.get_nowait()
-            key = (message.do, message.key, message.index) if message.do in ("change", "mouse") else number
+            lasting = message.do in ("choose", "restart", "change", "mouse")
+            key = (message.do, message.key, message.index) if lasting else number
             latest.pop(key, None)
             latest[key] = message
         return list(latest.values())

@@ -171,6 +171,19 @@ def test_policies_switch_and_overlay(page: Any) -> None:
     wait_for(page, "document.querySelectorAll('canvas').length === 2")
 
 
+def test_choices_before_the_answer_add_up(page: Any) -> None:
+    pressed = "[...document.querySelectorAll('#policies [aria-pressed=true]')].map(each => each.textContent).join()"
+    before = page.evaluate(pressed)
+    page.evaluate(
+        """() => {
+          const buttons = [...document.querySelectorAll("#policies button")];
+          for (const name of ["follower", "random"]) buttons.find(each => each.textContent === name).click();
+        }"""
+    )
+    wait_for(page, f"{pressed}.includes('random')")
+    assert {*page.evaluate(pressed).split(",")} == {*[*before.split(","), "follower", "random"][-3:]}
+
+
 def test_keys_stop_and_step(page: Any) -> None:
     page.keyboard.press("Space")
     wait_for(page, "document.getElementById('run').textContent === 'Run'")

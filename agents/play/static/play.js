@@ -24,6 +24,7 @@ let held = null; // the point that is dragged: {key, index, point}
 let chosen = 0; // the point that the arrow keys move
 let endedAt = null;
 let bound = "";
+let wanted = null; // the choice that was asked for and is not answered yet
 let chosenByHand = false; // whether the visitor has said which policies play
 
 const socket = new WebSocket(`ws://${location.host}/play`);
@@ -40,6 +41,7 @@ socket.addEventListener("message", ({ data }) => {
   else if (message.kind === "episode") begin(message);
   else if (message.kind === "error") {
     note(message.text);
+    wanted = null;
     if (episode) showChoice();
   } else if (message.kind === "bound") bound = message.text;
   else if (message.kind === "wait") at("wait").textContent = message.text;
@@ -70,13 +72,15 @@ function dress() {
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", dress);
 
+/** Ask for another choice; several changes add up until the server has answered. */
 function choose(changes) {
-  send({ do: "choose", choice: { ...episode.choice, ...changes } });
+  wanted = { ...(wanted ?? episode.choice), ...changes };
+  send({ do: "choose", choice: wanted });
 }
 
 function begin(message) {
   const before = episode && episode.choice;
-  episode = message;
+  [episode, wanted] = [message, null];
   bound = "";
   endedAt = null;
   frame = null;
@@ -117,8 +121,9 @@ function makePolicies(task, choice) {
     if (position >= 0) button.style.background = button.style.borderColor = COLORS[position];
     button.addEventListener("click", () => {
       chosenByHand = true;
-      const others = choice.policies.filter((each) => each !== name);
-      const next = position >= 0 ? others : [...others.slice(-2), name];
+      const { policies } = wanted ?? choice;
+      const others = policies.filter((each) => each !== name);
+      const next = others.length < policies.length ? others : [...others.slice(-2), name];
       if (next.length) choose({ policies: next });
     });
     return button;
@@ -345,7 +350,8 @@ at("ghosts").addEventListener("click", () => {
 at("task").addEventListener("change", () => {
   const task = tasks.find((each) => each.env === at("task").value);
   const kept = episode.choice.policies.filter((name) => chosenByHand && task.policies.includes(name));
-  send({ do: "choose", choice: { env: task.env, policies: kept.length ? kept : [task.first], seed: episode.choice.seed } });
+  wanted = {};
+  choose({ env: task.env, policies: kept.length ? kept : [task.first], seed: episode.choice.seed });
 });
 at("arm").addEventListener("change", () => choose({ arm: at("arm").value || null }));
 at("scenario").addEventListener("change", () => choose({ scenario: at("scenario").value || null }));
