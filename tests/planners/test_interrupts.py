@@ -121,6 +121,7 @@ class Interrupts:
         if name == "scipy.linalg":
             signal.raise_signal(signal.SIGINT)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background ignores it
 sys.meta_path.insert(0, Interrupts())
 problem = MotionProblem(SCARA_50CM, [0.0, 1.0], FixedHand([0.4, 0.4]), 3.0)
 try:
