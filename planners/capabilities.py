@@ -71,7 +71,8 @@ class Takes:
         require_choice("arrives", self.arrives, ("early", "on time"))
         require_choice("accelerating", self.accelerating, (True, False))
         refuse_unknown(self.keeps, LIMIT_KINDS, "kind of limit")
-        refuse_unknown(self.needs, self.keeps, "kind of limit that it needs, of those that it keeps")
+        for kind in self.needs:  # what is not kept has to be infinite
+            require_choice("needs", kind, self.keeps)
         require_finite("precision", self.precision, sign="not negative")
 
     def objection(self, problem: MotionProblem) -> str | None:
@@ -376,7 +377,7 @@ def _names() -> list[str]:
 
 
 def _objections(problem: MotionProblem) -> list[str]:
-    return [f"{entry} {entry.objection(problem)}" for entry in all_variants().values()]
+    return [f"{entry} {entry.objection(problem) or 'promises no solution'}" for entry in all_variants().values()]
 
 
 def _order(planner: str) -> int:

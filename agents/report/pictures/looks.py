@@ -1,4 +1,4 @@
-"""How the policies of a report are told apart: each has a colour of its own, or a shape of its own in that colour."""
+"""How the policies of a report differ: each has a colour of its own, or a shape of its own in that colour."""
 
 from __future__ import annotations
 

@@ -38,13 +38,13 @@ STAGES, MOST_STAGES = 96, 1000
 SAMPLES, MOST_SAMPLES, SAMPLING_STEP = 6, 500, 0.004
 """Least and most samples a step, and largest time (s) between two if they are enough."""
 
-MOST_TOGETHER = 4_000
+MOST_IN_ALL = 4_000
 """Samples of a motion, about: of one that takes longer than `SAMPLING_STEP` times that, they are further apart."""
 
 TIGHTENING, ATTEMPTS = np.array([1.0 - 1e-4, 1.0, 1.0 - 1e-4]), 12
 """Share of the limits of torque, velocity and acceleration of the first attempt, and how many attempts there are."""
 
-USELESS = 3
+MOST_WITHOUT_GAIN = 3
 """Attempts in a row that do not lower the least excess so far: after these no other is made."""
 
 BACK_OFF = 1e-4
@@ -144,7 +144,7 @@ def _along(way: Way, objective: Objective) -> Trajectory:
         if way.across is not None:
             raise Infeasible("late", f"{message} further: joints move beside the path and must brake", horizon=horizon)
         raise Infeasible("late", message, minimum_time=least * (1.0 + 1e-9), horizon=horizon)
-    least_excess, useless = math.inf, 0
+    least_excess, without_gain = math.inf, 0
     for _ in range(ATTEMPTS):
         late = corridor.duration(corridor.fastest) > horizon  # for the tightened limits only
         profile = mix(corridor, fastest, corridor.fastest) if late else least_torque(corridor)
@@ -152,9 +152,9 @@ def _along(way: Way, objective: Objective) -> Trajectory:
         excess = _excess(trajectory)
         if (excess <= 1.0).all():
             return trajectory
-        useless = 0 if excess.max() < least_excess else useless + 1
+        without_gain = 0 if excess.max() < least_excess else without_gain + 1
         least_excess = min(least_excess, float(excess.max()))
-        if useless == USELESS:  # what moves beside the path exceeds them, whatever the speed along it
+        if without_gain == MOST_WITHOUT_GAIN:  # what moves beside the path exceeds them, whatever the speed along it
             break
         corridor = _corridor(way, objective, _tightened(corridor.track.limits, excess))
     if way.across is not None:
@@ -298,7 +298,7 @@ def _sample(way: Way, profile: Profile | None) -> tuple[Array, Array, Array, Arr
     begin = np.append(0.0, np.cumsum(steps[3]))
     parts = np.clip(np.ceil(steps[3] / SAMPLING_STEP), SAMPLES, MOST_SAMPLES).astype(int)
     share = np.maximum(steps[3] / steps[3].sum(), 1.0 / len(parts))
-    parts = np.minimum(parts, np.maximum(SAMPLES, np.ceil(MOST_TOGETHER * share)).astype(int))
+    parts = np.minimum(parts, np.maximum(SAMPLES, np.ceil(MOST_IN_ALL * share)).astype(int))
     step = np.repeat(np.arange(len(parts)), parts + 1)
     part = np.arange(len(step)) - (np.cumsum(parts + 1) - (parts + 1))[step]
     r, rate, acceleration, duration = steps[:, step]
