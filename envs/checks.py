@@ -27,10 +27,11 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
     Raises:
         ValueError: for anything but finite numbers of that shape, with what is expected and what was found.
     """
-    usual = type(given) is np.ndarray and given.dtype in _FLOATS and given.shape == shape and len(shape) == 1
-    if usual and math.isfinite(sum(given.tolist())):  # checked without the cost of array operations
-        usual_one: Array = given
-        return usual_one
+    if type(given) is np.ndarray and given.dtype in _FLOATS and given.shape == shape and resting is None:
+        # As usual; those of one environment are checked without the cost of array operations.
+        if math.isfinite(sum(given.tolist())) if len(shape) == 1 else np.isfinite(given).all():
+            usual: Array = given
+            return usual
     try:
         actions = np.asarray(given)
     except (ValueError, TypeError) as error:

@@ -59,6 +59,7 @@ class TaskInfos:
         keys = ["is_success", *self._terms, *task.outcomes, "limit_ratio", "limit_ratios"]
         unknown = Unknown()
         self._unknown: Info = {key: False if key in bools else unknown for key in keys}
+        self._everyone = np.ones(len(self._records), dtype=np.bool_)
         self._bools, self._numbers, self._masks = bools, numbers, [f"_{key}" for key in keys]
 
     def at_reset(self) -> Info:
@@ -98,28 +99,24 @@ class TaskInfos:
         """
         n, terms = len(self._records), len(self._terms)
         rows: Any = slice(None) if present is None else np.flatnonzero(present)
-        ratios = self._ratios[rows]
-        numbers = np.full((len(self._numbers), len(ratios)), math.nan)
-        bools = np.zeros((len(self._bools), len(ratios)), dtype=np.bool_)
-        numbers[:terms] = self._records["reward_terms"][rows].T
-        numbers[-1] = self._records["limit_ratio"][rows]
-        bools[0] = self._records["success"][rows]
+        numbers, bools = np.zeros((len(self._numbers), n)), np.zeros((len(self._bools), n), dtype=np.bool_)
+        numbers[terms:, rows] = math.nan
+        numbers[:terms, rows] = self._records["reward_terms"][rows].T
+        numbers[-1, rows] = self._records["limit_ratio"][rows]
+        bools[0, rows] = self._records["success"][rows]
+        ratios = np.zeros(self._ratios.shape)
+        ratios[rows] = self._ratios[rows]
         if begun is not None:
-            begun = begun[rows]
-            numbers[:terms, begun] = math.nan
-            bools[0, begun] = False
-        masks = np.ones((len(self._masks), len(ratios)), dtype=np.bool_)
-        if present is None:
-            ratios = ratios.copy()
-        else:
-            numbers, bools, masks = (_spread(part, rows, n) for part in (numbers, bools, masks))
-            ratios = _spread(ratios.T, rows, n).T.copy()
-        infos: Info = {**_by_name(self._bools, bools), **_by_name(self._numbers, numbers), "limit_ratios": ratios}
+            unknown = begun if present is None else begun & present
+            numbers[:terms, unknown] = math.nan
+            bools[0, unknown] = False
+        infos: Info = dict(zip([*self._bools, *self._numbers], [*bools, *numbers], strict=True))
+        infos["limit_ratios"] = ratios
         if ended is not None:
             for env_index in np.flatnonzero(ended).tolist():
                 for key, value in self._outcome(env_index).items():
                     infos[key][env_index] = value
-        infos.update(_by_name(self._masks, masks))
+        infos.update(dict.fromkeys(self._masks, (self._everyone if present is None else present).copy()))
         return infos
 
     def _outcome(self, env_index: int) -> Info:
@@ -134,22 +131,14 @@ class TaskInfos:
                 f"{type(task).__name__}.outcome gives {sorted(outcome)}, and {type(task).__name__}.outcomes describes "
                 f"{sorted(task.outcomes)}: make the keys the same"
             )
+        known: Info = {}
         for key, value in outcome.items():
-            if isinstance(value, (bool, np.bool_)) != (key in task.boolean_outcomes):
+            boolean = isinstance(value, (bool, np.bool_))
+            if boolean != (key in task.boolean_outcomes):
                 raise ValueError(
                     f"{type(task).__name__}.outcome gives {key} = {value!r}: name what is a bool, and nothing else, in "
                     f"{type(task).__name__}.boolean_outcomes"
                 )
-        return {key: value if key in task.boolean_outcomes else float(value) for key, value in outcome.items()}
+            known[key] = value if boolean else float(value)
+        return known
 
-
-def _by_name(names: list[str], rows: NDArray[Any]) -> Info:
-    """Rows of an array by name."""
-    return dict(zip(names, rows, strict=True))
-
-
-def _spread(part: NDArray[Any], rows: NDArray[np.intp], count: int) -> NDArray[Any]:
-    """An array of ``count`` columns with those of another array at some places, and 0 elsewhere."""
-    whole = np.zeros((len(part), count), part.dtype)
-    whole[:, rows] = part
-    return whole

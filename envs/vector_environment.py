@@ -275,9 +275,9 @@ class PlanarArmVectorEnv(gym.vector.VectorEnv[Observation, NDArray[np.float32], 
 
     def _final(self, ended: NDArray[np.bool_]) -> Info:
         """Last observations and infos of the environments that ended, in Gymnasium's vector form."""
-        observations = np.full(self.num_envs, None, dtype=object)
-        for env_index in np.flatnonzero(ended).tolist():
-            observations[env_index] = self.task.batch["observation"][env_index].copy()
+        observations, chosen = np.empty(self.num_envs, dtype=object), np.flatnonzero(ended)
+        for env_index, last in zip(chosen.tolist(), self.task.batch["observation"][chosen], strict=True):
+            observations[env_index] = last
         final = self._infos.of_batch(present=ended, ended=ended)
         return {"final_obs": observations, "_final_obs": ended, "final_info": final, "_final_info": ended.copy()}
 

@@ -24,8 +24,8 @@ from planners.control.network import ACTIVATIONS, Network, Tensors, tanh
 
 Actions = NDArray[np.float32]
 
-ACTION_SETTINGS = ("control_mode",)
-"""Settings of an environment that define what an action means and do not change the task."""
+ACTION_SETTINGS = ("control_mode", "relative_motion")
+"""Settings of an environment that define what an action means, or what else is observed, and do not change the task."""
 FORMAT, SQUASHED_FORMAT, NORMALIZED = 1, 2, 2
 """Versions of the files: of networks whose output is clipped to [-1, 1] (PPO), and squashed by tanh (SAC, TD3); and
 what is added to them if the observations are normalised first, as by VecNormalize."""
@@ -87,7 +87,7 @@ class Agent:
 
     @property
     def action_config(self) -> dict[str, Any]:
-        """The settings that define what its actions mean; it acts with no others."""
+        """The settings that define what its actions mean and what else it observes; it acts with no others."""
         return {name: value for name, value in self.env_config.items() if name in ACTION_SETTINGS}
 
     @property
@@ -221,7 +221,7 @@ class Agent:
         if task.env_id != self.env_id:
             raise ValueError(f"this agent was trained on {self.env_id}, not on {task.env_id}")
         for name in ACTION_SETTINGS:
-            given, own = (getattr(config, name) for config in (task.config, self._task.config))
+            given, own = (getattr(config, name, None) for config in (task.config, self._task.config))
             if given != own:
                 raise ValueError(f"this agent was trained with {name} {own!r}; the environment has {given!r}")
         self.check_arm(task.arm)

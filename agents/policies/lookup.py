@@ -95,7 +95,7 @@ class NamedPolicy:
     def assumption(self, env_id: str, settings: Mapping[str, Any]) -> str | None:
         """A sentence about what its actions are taken to mean, if neither it nor the settings say so."""
         task = task_type(env_id)
-        if not self.unknown_actions or task is None or set(ACTION_SETTINGS) & set(settings):
+        if not self.unknown_actions or task is None or "control_mode" in settings:
             return None
         mode = task.config_type.model_fields["control_mode"].default
         return (

@@ -73,7 +73,8 @@ def read_submission(folder: Path) -> Submission:
 def own_settings(agent: Agent) -> dict[str, object]:
     """The settings in which an agent acts, with defaults."""
     fields = task_type(agent.env_id).config_type.model_fields
-    return {name: agent.action_config.get(name, fields[name].default) for name in ACTION_SETTINGS}
+    known = [name for name in ACTION_SETTINGS if name in fields]
+    return {name: agent.action_config.get(name, fields[name].default) for name in known}
 
 
 def _checked_names(folder: Path) -> str:

@@ -138,7 +138,8 @@ class TrainingConfig(Settings):
         gamma: discount of a control step.
         hidden: widths of the hidden layers, of actor and critic alike.
         activation: between them.
-        fine: gain by entry of the observation; the networks also see tanh(gain * entry), which magnifies small values.
+        fine: gains by entry of the observation; for each the networks also see tanh(gain * entry), which magnifies
+            small values.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
         baselines: experts; the best of them on the same seeds is reported beside the agent. If left out, all that the
@@ -162,7 +163,7 @@ class TrainingConfig(Settings):
     gamma: float = Field(0.98, gt=0.0, le=1.0)
     hidden: tuple[Width, ...] = Field((64, 64), min_length=1)
     activation: Literal["tanh", "relu"] = "tanh"
-    fine: dict[str, float] = Field(default_factory=dict)
+    fine: dict[str, float | tuple[float, ...]] = Field(default_factory=dict)
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
     baselines: tuple[str, ...] | None = None

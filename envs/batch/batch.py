@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from envs.arms import require_inertia
 from envs.batch.pool import NO_PURPOSE, RESTING, Words, job_of, work, work_on_all
-from envs.batch.records import Fields, Records, first_public_byte, make_records, public_view
+from envs.batch.records import Fields, Records, address_of_first, first_public_byte, make_records, public_view
 from envs.batch.state import Episodes, State, make_state, rows
 from envs.physics.episode import EntryPoint
 from envs.physics.rigid_bodies import NoWorld, World
@@ -87,7 +87,7 @@ class Batch:
             job = self._job("advance_batch")
         if resting is not None:
             self._resting[:] = resting
-            job[RESTING] = self._resting.ctypes.data
+            job[RESTING] = address_of_first(self._resting)
         elif self._some_rested:
             job[RESTING] = 0
         self._some_rested = resting is not None
@@ -151,7 +151,7 @@ class Batch:
 
     def _place_table(self, env_index: int, table: bytes) -> None:
         self._tables[env_index] = table
-        self.records["table"][env_index] = np.frombuffer(table or bytes(8)).__array_interface__["data"][0]
+        self.records["table"][env_index] = address_of_first(table) if table else 0
 
     def _job(self, name: str) -> Words:
         """A kernel of the task, which works on the records."""

@@ -34,6 +34,8 @@ class ConveyorTrackConfig(LimitSettings):
         position_tolerance: largest distance between hand and part that counts as settled, m.
         velocity_tolerance: largest relative velocity that counts as settled, m/s.
         hold_time: time at the end of the episode for which the hand must be settled for a success, s.
+        relative_motion: whether an observation also holds velocity and acceleration of the part relative to the hand.
+            They follow from the other entries, and networks learn faster with them.
     """
 
     control_mode: ControlMode = "torque"
@@ -42,6 +44,7 @@ class ConveyorTrackConfig(LimitSettings):
     position_tolerance: float = Field(1e-3, gt=0.0)
     velocity_tolerance: float = Field(2e-3, gt=0.0)
     hold_time: float = Field(0.5, gt=0.0)
+    relative_motion: bool = False
 
 
 class ConveyorTrackOptions(Settings):
@@ -68,11 +71,22 @@ class ConveyorTrackOptions(Settings):
     beside: Number | None = None
 
 
-def layout_of(arm: Arm) -> Layout:
+def layout_of(arm: Arm, relative_motion: bool = False) -> Layout:
     """What an observation of ConveyorTrack-v0 holds with an arm; scales follow from its reach and its limits."""
     joints, size = (arm.n_joints,), arm.reach / SCARA_1M.reach
     speed, strength = (scale_of(arm, kind, SCARA_1M) for kind in ("velocity", "acceleration"))
     belt = size * max(1.0, pace_of(Demands(3.0, 0.5, arm=arm)))
+    relative = (
+        Entry("relative_velocity", (2,), 0.2 * belt, 100.0, "m/s", "velocity of the part relative to the hand"),
+        Entry(
+            "relative_acceleration",
+            (2,),
+            0.3 * size * strength,
+            1000.0,
+            "m/s^2",
+            "acceleration of the part less the mean acceleration of the hand over the last period",
+        ),
+    )
     return Layout(
         (
             Entry("joint_position", joints, math.pi, angle_bound(arm), "rad", "angles of the joints"),
@@ -94,6 +108,7 @@ def layout_of(arm: Arm) -> Layout:
             Entry(
                 "settled", (), 1.0, 1.0, "-", "share of the episode for which the hand has been settled without a break"
             ),
+            *(relative if relative_motion else ()),
         )
     )
 
@@ -129,8 +144,10 @@ class ConveyorTrack(Task):
     def __init__(self, config: ConveyorTrackConfig, num_envs: int) -> None:
         constants = {"hold_steps": whole_periods(config, "hold_time", config.hold_time)}
         arm = arm_of(config, SCARA_1M)
-        self.layout, self.view = layout_of(arm), scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
-        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants)
+        self.layout = layout_of(arm, config.relative_motion)
+        self.view = scaled_view(VIEW, arm, SCARA_1M, mirrored=side(arm) < 0.0)
+        own = {"relative_kernel": kernels.RELATIVE if config.relative_motion else None}
+        super().__init__(config, arm, num_envs, kernels.ENV_FIELDS, constants, kernels=own)
         self._demands = Demands(
             config.horizon, config.hold_time, config.belt_acceleration, ends(config.payload)[0], arm
         )
@@ -216,6 +233,10 @@ class ConveyorTrackEnv(PlanarArmEnv):
     (99.8 % of 0.2 rad/s, at the end of the period). The last three go through inverse dynamics. In jerk mode the
     velocity, acceleration and jerk limits hold by construction, in velocity mode all but the jerk limits. The actuators
     keep the torque limits in every mode.
+
+    ## Observation space
+    With `relative_motion=True` the last four numbers are velocity (unit 0.2 m/s) and acceleration (0.3 m/s^2) of the
+    part relative to the hand, `relative_velocity` and `relative_acceleration`.
 
     ## Rewards
     The sum of three terms:

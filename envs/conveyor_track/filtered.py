@@ -12,6 +12,7 @@ from envs.conveyor_track.env import ConveyorTrack
 from envs.experts.base import Expert
 from envs.experts.robust import RobustTracking
 from envs.observation import Observation
+from planners import Arm
 from planners.typing import Array
 
 
@@ -42,4 +43,17 @@ class FilteredPolicy(Expert):
         seen = self.task.layout.parse(observations)
         seen["hand"] = self.task.arm.forward_kinematics(seen["joint_position"].copy()) - self.task.arm.base_array
         seen["part_error"] = seen["part"] - seen["hand"]
+        if self.task.config.relative_motion:
+            velocity, acceleration = _hand_rates(self.task.arm, seen)
+            seen["relative_velocity"] = seen["part_velocity"] - velocity
+            seen["relative_acceleration"] = seen["part_acceleration"] - acceleration
         return self.task.layout.compose(seen)
+
+
+def _hand_rates(arm: Arm, seen: dict[str, Array]) -> tuple[Array, Array]:
+    """Velocity (m/s) and acceleration (m/s^2) of the hand, ``(num_envs, 2)`` each, for motions of the joints."""
+    names = "position", "velocity", "acceleration"
+    angle, rate, change = (np.cumsum(seen[f"joint_{name}"], axis=-1)[..., None] for name in names)
+    along = arm.length_array[:, None] * np.concatenate([np.cos(angle), np.sin(angle)], axis=-1)
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    return (rate * across).sum(axis=-2), (change * across - rate**2 * along).sum(axis=-2)

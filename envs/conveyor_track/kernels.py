@@ -157,9 +157,29 @@ def _observe(env: Any, shared: Any) -> None:
         seen.part_error[axis] = part - hand
     copy_array(seen.part_velocity, env.part_velocity)
     copy_array(seen.part_acceleration, env.part_acceleration)
+    if shared.relative_kernel != 0:
+        call(shared.relative_kernel, env, shared)
     seen.time_left = (shared.horizon_steps - env.step) * shared.control_period
     seen.settled = env.settled_steps / shared.horizon_steps
     finish_observation(env, shared)
+
+
+def _observe_relative(env: Any, shared: Any) -> None:
+    """Write velocity and acceleration of the part relative to the hand into the physical values of the observation."""
+    velocity, acceleration = env.seen.relative_velocity, env.seen.relative_acceleration
+    for axis in range(2):
+        velocity[axis] = env.part_velocity[axis] - env.hand_velocity[axis]
+        acceleration[axis] = env.part_acceleration[axis]
+    phi = w = alpha = 0.0
+    for link in range(env.q.shape[0]):  # less the acceleration of the hand: each link's turns and is centripetal
+        phi, w, alpha = phi + env.q[link], w + env.qd[link], alpha + env.qdd[link]
+        dx, dy = shared.lengths[link] * math.cos(phi), shared.lengths[link] * math.sin(phi)
+        acceleration[0] += dy * alpha + dx * w * w
+        acceleration[1] -= dx * alpha - dy * w * w
+
+
+RELATIVE = Kernel(_observe_relative, error_model="numpy")
+"""``kernel(env, shared)``: observes the motion of the part relative to the hand."""
 
 
 @private

@@ -129,6 +129,7 @@ class ObstacleDodge(Task):
         super().__init__(config, arm, num_envs, fields, constants, table_shape=shape, kernels=own)
         acceleration = 0.5 * arm.limits.array("acceleration")
         self._planning_limits = replace(arm.limits, acceleration=tuple(acceleration.tolist()))
+        self._cover_radii = cover_radii(arm)[:along]
         self._starts = DodgeStarts(
             arm, self._planning_limits, samples, config.num_obstacles, self.scale, config.second_arm
         )
@@ -160,7 +161,7 @@ class ObstacleDodge(Task):
         """Write posture, goal and disc paths."""
         record["q"], record["goal"] = start.start, start.goal
         free = self.config.num_obstacles
-        record["radii"][:free], record["radii"][free:] = start.radius, cover_radii(self.arm)[: self.n_discs - free]
+        record["radii"][:free], record["radii"][free:] = start.radius, self._cover_radii
         record["second_base"] = start.second_base
         self.write_table(record, start.path)
 

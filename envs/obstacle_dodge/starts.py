@@ -12,7 +12,7 @@ from pydantic import Field
 from envs.arms import require_observed
 from envs.batch.generators import WORDS, addresses_of, uniform
 from envs.batch.pool import BATCH, COUNT, Words, job_of, work_on_all
-from envs.batch.records import Records
+from envs.batch.records import Records, address_of_first
 from envs.obstacle_dodge.paths import FASTEST, KINDS, PATH_KERNELS, Kind, draw_kind, follow_points, path_kernel
 from envs.obstacle_dodge.scale import Scale
 from envs.obstacle_dodge.second_arm import DISCS, DRAW_SECOND_ARM
@@ -206,7 +206,7 @@ class DodgeStarts:
         size, paths = 8 * 2 * self._samples * self._points, [b""] * len(draws)
         if given is None or self._second_arm:
             paths = [bytes(size) for _ in draws]  # nobody else has them yet: they are written once, here
-            draws["table"] = [np.frombuffer(path).__array_interface__["data"][0] for path in paths]
+            draws["table"] = [address_of_first(path) for path in paths]
         self._work(draws, _DRAW_EPISODE)
         while (draws["disc"] < self._discs).any():
             self._compile_paths(draws)
@@ -235,7 +235,7 @@ class DodgeStarts:
         if kernel not in self._jobs:
             self._jobs[kernel] = job_of(kernel, draws, self._numbers)
         job = self._jobs[kernel]
-        job[BATCH], job[COUNT] = draws.ctypes.data, len(draws)
+        job[BATCH], job[COUNT] = address_of_first(draws), len(draws)
         work_on_all(job, len(draws), envs_per_thread=1)
         if draws["found"].any():
             self._require(int(draws["found"].max()))

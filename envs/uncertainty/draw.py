@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -113,17 +114,17 @@ class Uncertainty:
     def _any(self, *names: str) -> bool:
         return any(self.ends[name] != (0.0, 0.0) for name in names)
 
-    @property
+    @cached_property
     def random(self) -> bool:
         """Whether an episode needs random numbers for it besides the key of its noise."""
         return any(low != high for low, high in (*self.ends.values(), self.mass_error))
 
-    @property
+    @cached_property
     def noisy(self) -> bool:
         """Whether a policy observes noise."""
         return self._any("encoder_noise", "velocity_noise", "camera_noise")
 
-    @property
+    @cached_property
     def own_bodies(self) -> bool:
         """Whether an episode's links are not the nominal ones with one payload."""
         low, high = self.ends["payload"]
