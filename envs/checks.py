@@ -27,11 +27,10 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
     Raises:
         ValueError: for anything but finite numbers of that shape, with what is expected and what was found.
     """
-    if type(given) is np.ndarray and given.dtype in _FLOATS and given.shape == shape and resting is None:
-        # As usual; those of one environment are checked without the cost of array operations.
-        if math.isfinite(sum(given.tolist())) if len(shape) == 1 else np.isfinite(given).all():
-            usual: Array = given
-            return usual
+    usual = type(given) is np.ndarray and given.dtype in _FLOATS and given.shape == shape and resting is None
+    if usual and _all_finite(given):
+        as_it_is: Array = given
+        return as_it_is
     try:
         actions = np.asarray(given)
     except (ValueError, TypeError) as error:
@@ -57,6 +56,11 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
             "actions are numbers in [-1, 1], larger ones are clipped"
         )
     return numbers
+
+
+def _all_finite(numbers: Array) -> bool:
+    """Whether all are finite; for those of one environment without the cost of array operations."""
+    return math.isfinite(sum(numbers.tolist())) if numbers.ndim == 1 else bool(np.isfinite(numbers).all())
 
 
 def checked_observations(given: Any, size: int) -> Observation:

@@ -141,4 +141,3 @@ class TaskInfos:
                 )
             known[key] = value if boolean else float(value)
         return known
-

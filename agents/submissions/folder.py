@@ -8,7 +8,7 @@ from pathlib import Path
 
 from agents.environments import task_type
 from agents.evaluation.benchmark_config import SHIPPED_CONFIG, BenchmarkConfig, BenchmarkTask
-from agents.policies.agent import ACTION_SETTINGS, Agent
+from agents.policies.agent import Agent
 from agents.policies.files import load_agent
 from agents.submissions.card import CARDS, Card, read_card
 from agents.yaml_config import load_config, refuse_twice
@@ -71,10 +71,9 @@ def read_submission(folder: Path) -> Submission:
 
 
 def own_settings(agent: Agent) -> dict[str, object]:
-    """The settings in which an agent acts, with defaults."""
-    fields = task_type(agent.env_id).config_type.model_fields
-    known = [name for name in ACTION_SETTINGS if name in fields]
-    return {name: agent.action_config.get(name, fields[name].default) for name in known}
+    """The settings in which an agent acts, with the control mode also where that is the default."""
+    mode = task_type(agent.env_id).config_type.model_fields["control_mode"].default
+    return {"control_mode": mode, **agent.action_config}
 
 
 def _checked_names(folder: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from agents.yaml_config import assigned, refuse_twice
 from envs.card import task_card
@@ -14,6 +14,9 @@ from envs.settings import Settings, refuse_unknown
 Device = Literal["auto", "cpu", "cuda"]
 Width = Annotated[int, Field(ge=1, le=16_384)]  # of a layer
 Threads = Annotated[int, Field(ge=1, le=256)]
+Gains = Annotated[
+    tuple[float, ...], BeforeValidator(lambda given: given if isinstance(given, list | tuple) else [given])
+]
 
 DEFAULT_LEVEL = "default"  # the settings as they are, among levels
 EVALUATION_SEED = 1_000_000  # seed of the first episode of an evaluation in training; the leaderboard has other seeds
@@ -138,8 +141,8 @@ class TrainingConfig(Settings):
         gamma: discount of a control step.
         hidden: widths of the hidden layers, of actor and critic alike.
         activation: between them.
-        fine: gains by entry of the observation; for each the networks also see tanh(gain * entry), which magnifies
-            small values.
+        fine: gain, or several, by entry of the observation; for each the networks also see tanh(gain * entry), which
+            magnifies small values.
         checkpoint_steps: control steps between two checkpoints, rounded up to whole rollouts.
         evaluation_episodes: on seeds never trained on, at each checkpoint.
         baselines: experts; the best of them on the same seeds is reported beside the agent. If left out, all that the
@@ -163,7 +166,7 @@ class TrainingConfig(Settings):
     gamma: float = Field(0.98, gt=0.0, le=1.0)
     hidden: tuple[Width, ...] = Field((64, 64), min_length=1)
     activation: Literal["tanh", "relu"] = "tanh"
-    fine: dict[str, float | tuple[float, ...]] = Field(default_factory=dict)
+    fine: dict[str, Gains] = Field(default_factory=dict)
     checkpoint_steps: int = Field(250_000, ge=1)
     evaluation_episodes: int = Field(100, ge=1)
     baselines: tuple[str, ...] | None = None

@@ -43,7 +43,7 @@ class FilteredPolicy(Expert):
         seen = self.task.layout.parse(observations)
         seen["hand"] = self.task.arm.forward_kinematics(seen["joint_position"].copy()) - self.task.arm.base_array
         seen["part_error"] = seen["part"] - seen["hand"]
-        if self.task.config.relative_motion:
+        if "relative_velocity" in seen:
             velocity, acceleration = _hand_rates(self.task.arm, seen)
             seen["relative_velocity"] = seen["part_velocity"] - velocity
             seen["relative_acceleration"] = seen["part_acceleration"] - acceleration

@@ -38,7 +38,7 @@ SMALL: dict[str, Any] = {
     "gradient_steps": 1,
     "learning_starts": 40,
     "hidden": [8, 8],
-    "fine": {"part_error": 20.0},
+    "fine": {"part_error": [5.0, 20.0]},
     "checkpoint_steps": 80,
     "evaluation_episodes": 3,
     "baselines": [],

@@ -81,7 +81,7 @@ def test_an_update_of_ppo_is_that_of_stable_baselines3(final_log_std: float | No
             "batch_size": 320,
             "epochs": 2,
             "entropy_weight": 0.01,
-            "fine": {"part_error": 20.0},
+            "fine": {"part_error": [5.0, 20.0]},
             "final_log_std": final_log_std,
             "threads": 2,
         },

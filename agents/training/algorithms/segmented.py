@@ -73,8 +73,7 @@ def fine_elements(config: TrainingConfig, layout: Layout) -> tuple[list[int], li
     """
     places = {entry.name: range(place.start, place.stop) for entry, place in layout.slices()}
     refuse_unknown(config.fine, places, "entry of the observation (in fine)")
-    gains = {name: given if isinstance(given, tuple) else (given,) for name, given in config.fine.items()}
-    elements = [(index, gain) for name, several in gains.items() for gain in several for index in places[name]]
+    elements = [(index, gain) for name, gains in config.fine.items() for gain in gains for index in places[name]]
     return [index for index, _ in elements], [gain for _, gain in elements]
 
 
