@@ -93,10 +93,15 @@ class Agent:
     @property
     def levels(self) -> tuple[str, ...]:
         """The difficulty levels at which it was trained; none if that was on the plain task."""
+        levels = self._recipe.get("levels")
+        return tuple(map(str, levels)) if isinstance(levels, list | tuple) else ()
+
+    @property
+    def _recipe(self) -> Mapping[str, Any]:
+        """The settings of its training, as far as its file tells them."""
         training = self.document.get("training")
         config = training.get("config") if isinstance(training, Mapping) else None
-        levels = config.get("levels") if isinstance(config, Mapping) else None
-        return tuple(map(str, levels)) if isinstance(levels, list | tuple) else ()
+        return config if isinstance(config, Mapping) else {}
 
     @property
     def squashed(self) -> bool:
@@ -171,9 +176,11 @@ class Agent:
 
     @property
     def _knows_uncertainty(self) -> bool:
-        """Whether it may have been trained with uncertainty: by its settings, or at difficulty levels."""
+        """Whether its network may have observed uncertainty: by its settings, or at difficulty levels."""
         from envs.conveyor_track.filtered import FilteredPolicy
 
+        if self._recipe.get("estimates") is True:
+            return False
         known = task_card(self.env_id).levels
         uncertain = any({*DRAWN, "mass_error"} & {*known[name].settings} for name in self.levels if name in known)
         return FilteredPolicy.wanted(self._task) or uncertain

@@ -243,6 +243,9 @@ class PPOConfig(TrainingConfig):
         total_steps: control steps of all environments together; 0 for the warm start alone.
         warm_start: DAgger with an expert, or cloning of a dataset, before PPO.
         amortise: fit to the cost of motions before PPO.
+        estimates: at levels of ConveyorTrack-v0 that declare uncertainty the policy observes estimates, and its jerks
+            are those of the estimated arm, as every agent acts there that was trained without uncertainty. It learns
+            from an expert at the other levels, or in the plain task if there is none.
         whole_episodes: the policy acts once an episode; steps then count episodes.
         forecasts: the policy forecasts a disc's path, and the expert apf acts on the forecast; steps then count
             forecasts. It is fitted to paths before PPO.
@@ -261,6 +264,7 @@ class PPOConfig(TrainingConfig):
     final_log_std: float | None = None
     warm_start: WarmStart | None = None
     amortise: Amortisation | None = None
+    estimates: bool = False
     whole_episodes: bool = False
     forecasts: Forecasts | None = None
 

@@ -12,6 +12,7 @@ from envs.conveyor_track.env import ConveyorTrack
 from envs.experts.base import Expert
 from envs.experts.robust import RobustTracking
 from envs.observation import Observation
+from envs.task import Task
 from planners import Arm
 from planners.typing import Array
 
@@ -36,18 +37,19 @@ class FilteredPolicy(Expert):
         return isinstance(task, ConveyorTrack) and task.config.control_mode == "jerk" and RobustTracking.wanted(task)
 
     def _act(self, observations: Observation, state: Any, starts: NDArray[np.bool_]) -> tuple[Array, tuple[()]]:
-        return self._network(self._whole(observations)).astype(float), ()
+        return self._network(whole_observations(self.task, observations)).astype(float), ()
 
-    def _whole(self, observations: Observation) -> Observation:
-        """Observations whose hand and error follow from their joints and their part."""
-        seen = self.task.layout.parse(observations)
-        seen["hand"] = self.task.arm.forward_kinematics(seen["joint_position"].copy()) - self.task.arm.base_array
-        seen["part_error"] = seen["part"] - seen["hand"]
-        if "relative_velocity" in seen:
-            velocity, acceleration = _hand_rates(self.task.arm, seen)
-            seen["relative_velocity"] = seen["part_velocity"] - velocity
-            seen["relative_acceleration"] = seen["part_acceleration"] - acceleration
-        return self.task.layout.compose(seen)
+
+def whole_observations(task: Task, observations: Observation) -> Observation:
+    """Observations whose hand, and errors of the hand, follow from their joints and their part."""
+    seen = task.layout.parse(observations)
+    seen["hand"] = task.arm.forward_kinematics(seen["joint_position"].copy()) - task.arm.base_array
+    seen["part_error"] = seen["part"] - seen["hand"]
+    if "relative_velocity" in seen:
+        velocity, acceleration = _hand_rates(task.arm, seen)
+        seen["relative_velocity"] = seen["part_velocity"] - velocity
+        seen["relative_acceleration"] = seen["part_acceleration"] - acceleration
+    return task.layout.compose(seen)
 
 
 def _hand_rates(arm: Arm, seen: dict[str, Array]) -> tuple[Array, Array]:

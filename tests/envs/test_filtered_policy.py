@@ -12,6 +12,7 @@ import agents
 import envs
 from agents.evaluation.evaluate import evaluate
 from agents.policies.agent import Agent
+from agents.training.batches.estimates import OnEstimates
 from envs.conveyor_track.filtered import FilteredPolicy
 
 BELT, LEVEL = "ConveyorTrack-v0", "noise"
@@ -47,6 +48,29 @@ def test_the_agent_meets_the_part_within_all_limits_in_spite_of_noise() -> None:
 def test_it_settles_with_a_higher_return_than_what_it_clones() -> None:
     own = scored(agents.load_agent(BELT)).returns
     assert np.mean(own - scored("apf", control_mode="torque").returns) > 0.0
+
+
+@pytest.mark.parametrize("level", ["noise", "uncertain"])
+def test_it_is_trained_in_what_it_acts_in(level: str) -> None:
+    """Rewards of the network in `OnEstimates`, over the end of an episode, are those of the agent."""
+    agent, settings = agents.load_agent(BELT), {**envs.task_card(BELT).levels[level].settings, "control_mode": "jerk"}
+    own, trained = (gym.make_vec(BELT, 3, autoreset_mode="SameStep", **settings) for _ in range(2))
+    on_estimates = OnEstimates(trained)
+    policy, state, starts = agent.for_env(own), None, np.ones(3, dtype=bool)
+    (seen, _), (estimated, _) = own.reset(seed=2), on_estimates.reset(seed=2)
+    ends = 0
+    for _ in range(310):
+        actions, state = policy.predict(seen, state, episode_start=starts)
+        seen, rewards, _, starts, _ = own.step(actions)
+        estimated, others, _, truncated, infos = on_estimates.step(agent.network_actions(estimated))
+        np.testing.assert_array_equal(rewards, others)
+        np.testing.assert_array_equal(starts, truncated)
+        if truncated.any():
+            ends += 1
+            shapes = [final.shape for final in infos["final_obs"]]
+            assert shapes == [estimated[0].shape] * 3
+            assert not np.array_equal(np.stack(infos["final_obs"]), estimated)
+    assert ends == 2
 
 
 @pytest.mark.parametrize("level", ["noise", "uncertain"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from agents.environments import VectorEnv, make_batch
+from agents.training.batches.estimates import OnEstimates, acts_on_estimates
 from agents.training.batches.forecasting import Forecasting
 from agents.training.batches.levels import SameOptions, SideBySide
 from agents.training.recipe import PPOConfig, TrainingConfig
@@ -22,6 +23,7 @@ def training_batch(config: TrainingConfig) -> VectorEnv:
             batch = make_batch(config.env_id, size, settings)
         if isinstance(config, PPOConfig):
             batch = Forecasting(batch) if config.forecasts else batch
+            batch = OnEstimates(batch) if config.estimates and acts_on_estimates(batch) else batch
             batch = WholeEpisodes(batch) if config.whole_episodes else batch
         batches.append(batch)
     return batches[0] if len(batches) == 1 else SideBySide(batches)
