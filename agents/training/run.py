@@ -26,6 +26,7 @@ from agents.training import devices
 from agents.training.algorithms import make_model
 from agents.training.algorithms.segmented import Segmented, fine_elements
 from agents.training.batches import training_batch
+from agents.training.batches.estimates import check_estimates
 from agents.training.checkpoint import RunState, load_checkpoint, make_agent, save_checkpoint
 from agents.training.folder import alone_in, check_files, check_origin, write_origin
 from agents.training.learning_curves import Row
@@ -86,6 +87,8 @@ class TrainingRun:
         config.check_levels()
         if isinstance(config, PPOConfig) and config.forecasts:
             check_forecasts(config)
+        if isinstance(config, PPOConfig) and config.estimates:
+            check_estimates(config)
         refuse_unknown(config.baselines or (), expert_names(config.env_id), "expert")
         if isinstance(config, PPOConfig) and config.amortise:
             with closing(gym.make_vec(config.env_id, num_envs=1, **config.env_config)) as batch:

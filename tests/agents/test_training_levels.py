@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ from agents import evaluate, load_agent
 from agents.commands.train import TrainOptions
 from agents.environments import make_batch
 from agents.training.batches import training_batch
+from agents.training.batches.estimates import OnEstimates
 from agents.training.batches.levels import SideBySide
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
 from agents.training.vec_env import NativeVecEnv
+from envs.conveyor_track.filtered import FilteredPolicy
 
 pytestmark = pytest.mark.rl
 
@@ -139,3 +142,37 @@ def test_forecasts_without_an_environment_are_refused(forecasting: Path) -> None
         TrainingRun.begin(forecasting.parent / "other", recipe(FORECASTS, levels=["two_discs"]), "test")
     with pytest.raises(ValueError, match=r"forecasts go without fine"):
         recipe(FORECASTS, fine={"clearance": 2.0})
+
+
+ESTIMATES: dict[str, Any] = {
+    **SMALL,
+    "env": "ConveyorTrack-v0",
+    "env_config": {"control_mode": "jerk"},
+    "levels": ["default", "noise"],
+    "estimates": True,
+    "warm_start": {"expert": "apf", "episodes": 2, "rounds": 2, "updates": 20},
+}
+
+
+def test_a_policy_is_trained_on_estimates_where_it_will_act_on_them(tmp_path: Path) -> None:
+    config = recipe(ESTIMATES)
+    with closing(training_batch(config)) as env:
+        assert [isinstance(batch, OnEstimates) for batch in env.batches] == [False, True]  # type: ignore[attr-defined]
+    run = TrainingRun.begin(tmp_path, config, "test")
+    assert run.train()
+    agent = load_agent(tmp_path / "last.safetensors")
+    settings = config.conditions[1][0]
+    with closing(make_batch("ConveyorTrack-v0", 2, settings)) as env:
+        assert isinstance(agent.for_env(env), FilteredPolicy)
+    own = agent.document["training"]["config"] | {"estimates": False}
+    document = {**agent.document, "training": {**agent.document["training"], "config": own}}
+    with closing(make_batch("ConveyorTrack-v0", 2, settings)) as env:
+        assert not isinstance(replace(agent, document=document).for_env(env), FilteredPolicy)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"levels": ["default", "fast"]}, {"env_config": {}}, {**SMALL, "levels": ["noise"], "estimates": True}]
+)
+def test_estimates_where_there_are_none_are_refused(changes: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="give a level such as noise, or leave estimates out"):
+        TrainingRun.begin(tmp_path, recipe(ESTIMATES, **changes), "test")

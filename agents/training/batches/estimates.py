@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import gymnasium as gym
@@ -9,7 +10,9 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from agents.environments import make_batch
 from agents.training.batches.levels import Info, Step
+from agents.training.recipe import PPOConfig
 from envs.conveyor_track.env import ConveyorTrack
 from envs.conveyor_track.filtered import FilteredPolicy, whole_observations
 from envs.experts.robust import RobustState, RobustTracking
@@ -20,6 +23,25 @@ from planners.control import Estimate
 def acts_on_estimates(env: VectorEnv[Any, Any, Any]) -> bool:
     """Whether a network that was trained without uncertainty acts on estimates in a vector environment."""
     return FilteredPolicy.wanted(getattr(env.unwrapped, "task", None))
+
+
+def certain_conditions(config: PPOConfig) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Settings and reset options at those levels of a recipe at which a network does not act on estimates."""
+    certain = []
+    for settings, options in config.conditions:
+        with closing(make_batch(config.env_id, 1, settings)) as env:
+            if not acts_on_estimates(env):
+                certain.append((settings, options))
+    return certain
+
+
+def check_estimates(config: PPOConfig) -> None:
+    """Raise a ValueError for a recipe without a level at which a network acts on estimates."""
+    if len(certain_conditions(config)) == len(config.conditions):
+        raise ValueError(
+            "estimates are of ConveyorTrack-v0 with control_mode jerk and declared uncertainty: give a level such as "
+            "noise, or leave estimates out"
+        )
 
 
 class OnEstimates(VectorWrapper):

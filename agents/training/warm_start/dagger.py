@@ -18,7 +18,7 @@ import envs
 from agents.datasets.read import read_dataset
 from agents.environments import make_batch
 from agents.training.algorithms.ppo import mean_action
-from agents.training.batches.estimates import acts_on_estimates
+from agents.training.batches.estimates import certain_conditions
 from agents.training.devices import thread_count
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
@@ -80,6 +80,7 @@ class _Levels(ExitStack):
     def __init__(self, config: PPOConfig, episodes: int) -> None:
         super().__init__()
         conditions = certain_conditions(config) if config.estimates else config.conditions
+        conditions = conditions or [(dict(config.env_config), {})]
         each, more = divmod(episodes, len(conditions))
         self._parts = [
             (self.enter_context(closing(make_batch(config.env_id, each + (index < more), settings))), options)
@@ -96,16 +97,6 @@ class _Levels(ExitStack):
             visited, wanted, rewards = visited + found[0], wanted + found[1], rewards + found[2]
             seed += env.num_envs
         return visited, wanted, rewards
-
-
-def certain_conditions(config: PPOConfig) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Settings and reset options at those levels of a recipe at which it does not act on estimates."""
-    certain = []
-    for settings, options in config.conditions:
-        with closing(make_batch(config.env_id, 1, settings)) as env:
-            if not acts_on_estimates(env):
-                certain.append((settings, options))
-    return certain or [(dict(config.env_config), {})]
 
 
 def collect(
