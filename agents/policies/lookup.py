@@ -60,7 +60,7 @@ class NamedPolicy:
 
     def settings(self, env_config: Mapping[str, Any]) -> dict[str, Any]:
         """The settings of an environment, with those of the policy's actions; a ValueError if they contradict."""
-        for name, value in self.action_config.items():
+        for name, value in {**self._left_out(), **self.action_config}.items():
             if env_config.get(name, value) != value:
                 raise ValueError(
                     f"{self.name} was made for {name} {value!r} and cannot act with {env_config[name]!r}; "
@@ -75,6 +75,12 @@ class NamedPolicy:
             if (arm or default) != (own := getattr(task.config, "arm", None) or default):
                 raise ValueError(f"{self.name} was made for the arm {own.name}: make it for this one")
         return {**env_config, **self.action_config}
+
+    def _left_out(self) -> dict[str, Any]:
+        """The settings of an agent's actions and observations that its file leaves out, as their defaults."""
+        task = task_type(self.policy.env_id) if isinstance(self.policy, Agent) else None
+        fields = {} if task is None else task.config_type.model_fields
+        return {name: fields[name].default for name in ACTION_SETTINGS if name in fields}
 
     def require_same_episodes(self, env_id: str, settings: Mapping[str, Any]) -> None:
         """Raise ValueError if it declares what an environment with these settings does not have.

@@ -225,8 +225,9 @@ def _check_spaces(policy: Policy, env: VectorEnv | gym.Env[Any, Any]) -> None:
             kind = name.replace("_", " ")
             differing = f"of shape {own.shape}" if own.shape != space.shape else "with other bounds"
             raise ValueError(
-                f"{type(policy).__name__} was trained with an {kind} {differing} than that of {_id(env)}, "
-                f"{space.shape}: in another environment, behind a wrapper, or with another version of planarm"
+                f"{type(policy).__name__} was trained with an {kind} {differing}, and that of {_id(env)} is of shape "
+                f"{space.shape}: it was another environment, one with other settings (give them), behind a wrapper, or "
+                "of another version of planarm"
             )
 
 

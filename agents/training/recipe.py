@@ -245,7 +245,7 @@ class PPOConfig(TrainingConfig):
         amortise: fit to the cost of motions before PPO.
         estimates: at levels of ConveyorTrack-v0 that declare uncertainty the policy observes estimates, and its jerks
             are those of the estimated arm, as every agent acts there that was trained without uncertainty. It learns
-            from an expert at the other levels, or in the plain task if there is none.
+            from an expert at the other levels, or, if there is none, in the task without uncertainty.
         whole_episodes: the policy acts once an episode; steps then count episodes.
         forecasts: the policy forecasts a disc's path, and the expert apf acts on the forecast; steps then count
             forecasts. It is fitted to paths before PPO.

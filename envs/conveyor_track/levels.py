@@ -7,7 +7,11 @@ from envs.card import Level
 _NOISE = {"encoder_noise": 5e-5, "camera_noise": 2e-4, "position_tolerance": 3e-3, "velocity_tolerance": 2e-2}
 
 LEVELS = {
-    "fast": Level("belt at 0.3 m/s", options={"belt_speed": 0.3, "line_height": 1.7, "hand_x": -0.8}, every_arm=False),
+    "fast": Level(
+        "belt at 0.3 m/s",
+        options={"belt_speed": 0.3, "line_height": 1.7, "hand_x": -0.8, "offset": (0.16, 0.2), "elbow": "-"},
+        every_arm=False,
+    ),
     "accelerating": Level("belt that accelerates by 0.05 m/s^2", {"belt_acceleration": 0.05}),
     "near": Level("belt at 1.3 m from the base", options={"line_height": 1.3}, every_arm=False),
     "far": Level(

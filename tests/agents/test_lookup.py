@@ -69,6 +69,12 @@ def test_a_task_of_other_actions_is_refused() -> None:
         named.settings({"control_mode": "torque"})
 
 
+def test_an_agent_that_does_not_observe_the_relative_motion_says_so_by_name() -> None:
+    message = r"agent was made for relative_motion False and cannot act with True; leave relative_motion out"
+    with pytest.raises(ValueError, match=message):
+        find_policy("agent", ENV).settings({"relative_motion": True})
+
+
 @pytest.mark.parametrize(
     ("source", "env_id", "complaint"),
     [

@@ -16,7 +16,7 @@ from agents import evaluate, load_agent
 from agents.commands.train import TrainOptions
 from agents.environments import make_batch
 from agents.training.batches import training_batch
-from agents.training.batches.estimates import OnEstimates
+from agents.training.batches.estimates import OnEstimates, certain_conditions, check_estimates
 from agents.training.batches.levels import SideBySide
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun
@@ -168,6 +168,24 @@ def test_a_policy_is_trained_on_estimates_where_it_will_act_on_them(tmp_path: Pa
     document = {**agent.document, "training": {**agent.document["training"], "config": own}}
     with closing(make_batch("ConveyorTrack-v0", 2, settings)) as env:
         assert not isinstance(replace(agent, document=document).for_env(env), FilteredPolicy)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"levels": ["noise", "latency"]},
+        {"levels": [], "env_config": {"control_mode": "jerk", "encoder_noise": 5e-5, "latency": (0.0, 0.02)}},
+    ],
+)
+def test_without_a_level_without_uncertainty_it_learns_from_an_expert_in_the_plain_task(
+    changes: dict[str, Any],
+) -> None:
+    assert certain_conditions(recipe(ESTIMATES, **changes)) == [({"control_mode": "jerk"}, {})]
+
+
+def test_datasets_hold_no_estimates() -> None:
+    with pytest.raises(ValueError, match="a dataset holds no estimates: with estimates, give warm_start an expert"):
+        check_estimates(recipe(ESTIMATES, warm_start={"dataset": "some/dataset-v0"}))
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,18 @@ def test_a_level_begins_and_is_no_default_episode(env_id: str, name: str) -> Non
     assert level.meaning
 
 
+BELTS = [name for name, level in envs.task_card("ConveyorTrack-v0").levels.items() if level.options]
+
+
+@pytest.mark.parametrize("name", BELTS)
+def test_most_starts_on_a_belt_of_a_level_can_be_solved(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that of thousands of seeds each has an episode: a start that cannot be solved is drawn again, not for ever."""
+    monkeypatch.setattr("envs.conveyor_track.starts._TRIES", 10)
+    level = envs.task_card("ConveyorTrack-v0").levels[name]
+    env = gym.make_vec("ConveyorTrack-v0", num_envs=24, **level.settings)
+    env.reset(seed=1_000_000, options=dict(level.options))
+
+
 @pytest.mark.parametrize("env_id", sorted({env_id for env_id, _ in LEVELS}))
 def test_every_task_has_a_level_of_model_error_latency_noise_and_all_of_them(env_id: str) -> None:
     levels = envs.task_card(env_id).levels

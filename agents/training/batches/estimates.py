@@ -17,7 +17,10 @@ from envs.conveyor_track.env import ConveyorTrack
 from envs.conveyor_track.filtered import FilteredPolicy, whole_observations
 from envs.experts.robust import RobustState, RobustTracking
 from envs.observation import Observation
+from envs.uncertainty.draw import DRAWN
 from planners.control import Estimate
+
+Conditions = list[tuple[dict[str, Any], dict[str, Any]]]
 
 
 def acts_on_estimates(env: VectorEnv[Any, Any, Any]) -> bool:
@@ -25,8 +28,17 @@ def acts_on_estimates(env: VectorEnv[Any, Any, Any]) -> bool:
     return FilteredPolicy.wanted(getattr(env.unwrapped, "task", None))
 
 
-def certain_conditions(config: PPOConfig) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Settings and reset options at those levels of a recipe at which a network does not act on estimates."""
+def certain_conditions(config: PPOConfig) -> Conditions:
+    """Settings and reset options at which the network of a recipe that acts on estimates learns from an expert.
+
+    Those of the levels without declared uncertainty; if there is none, of the task without it.
+    """
+    plain = {name: value for name, value in config.env_config.items() if name not in (*DRAWN, "mass_error")}
+    return _certain(config) or [(plain, {})]
+
+
+def _certain(config: PPOConfig) -> Conditions:
+    """Settings and reset options at the levels at which a network does not act on estimates."""
     certain = []
     for settings, options in config.conditions:
         with closing(make_batch(config.env_id, 1, settings)) as env:
@@ -36,11 +48,15 @@ def certain_conditions(config: PPOConfig) -> list[tuple[dict[str, Any], dict[str
 
 
 def check_estimates(config: PPOConfig) -> None:
-    """Raise a ValueError for a recipe without a level at which a network acts on estimates."""
-    if len(certain_conditions(config)) == len(config.conditions):
+    """Raise a ValueError for a recipe without a level at which a network acts on estimates, or with a dataset."""
+    if len(_certain(config)) == len(config.conditions):
         raise ValueError(
             "estimates are of ConveyorTrack-v0 with control_mode jerk and declared uncertainty: give a level such as "
             "noise, or leave estimates out"
+        )
+    if config.warm_start is not None and config.warm_start.dataset is not None:
+        raise ValueError(
+            "a dataset holds no estimates: with estimates, give warm_start an expert, or leave warm_start out"
         )
 
 

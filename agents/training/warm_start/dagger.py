@@ -80,7 +80,6 @@ class _Levels(ExitStack):
     def __init__(self, config: PPOConfig, episodes: int) -> None:
         super().__init__()
         conditions = certain_conditions(config) if config.estimates else config.conditions
-        conditions = conditions or [(dict(config.env_config), {})]
         each, more = divmod(episodes, len(conditions))
         self._parts = [
             (self.enter_context(closing(make_batch(config.env_id, each + (index < more), settings))), options)
