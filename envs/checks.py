@@ -18,8 +18,6 @@ from envs.observation import Observation
 from planners.checks import checked_count, float_array, is_masked, refuse_unknown
 from planners.typing import Array
 
-_FLOATS = np.dtype(np.float32), np.dtype(np.float64)
-
 
 def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool_] | None = None) -> Array:
     """Actions as float64 of a shape, ``(n,)`` or ``(num_envs, n)``; 0 for environments in ``resting``, which hold none.
@@ -27,10 +25,12 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
     Raises:
         ValueError: for anything but finite numbers of that shape, with what is expected and what was found.
     """
-    usual = type(given) is np.ndarray and given.dtype in _FLOATS and given.shape == shape and resting is None
-    if usual and _all_finite(given):
-        as_it_is: Array = given
-        return as_it_is
+    if type(given) is np.ndarray and given.dtype.char in "fd" and given.shape == shape and resting is None:
+        # Of one environment without the cost of array operations.
+        finite = math.isfinite(sum(given.tolist())) if len(shape) == 1 else np.isfinite(given).all()
+        if finite:
+            usual: Array = given
+            return usual
     try:
         actions = np.asarray(given)
     except (ValueError, TypeError) as error:
@@ -56,11 +56,6 @@ def checked_actions(given: Any, shape: tuple[int, ...], resting: NDArray[np.bool
             "actions are numbers in [-1, 1], larger ones are clipped"
         )
     return numbers
-
-
-def _all_finite(numbers: Array) -> bool:
-    """Whether all are finite; for those of one environment without the cost of array operations."""
-    return math.isfinite(sum(numbers.tolist())) if numbers.ndim == 1 else bool(np.isfinite(numbers).all())
 
 
 def checked_observations(given: Any, size: int) -> Observation:
