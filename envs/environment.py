@@ -51,7 +51,8 @@ Each element is a physical value divided by a fixed scale, clipped at the bound.
 {layout}
 
 ## Info
-Every key is there at the reset and at every step. Until it is known, a number is NaN and a bool is False.
+Every key is there at the reset and at every step; with `info_terms=False` only where an episode ends, and other infos
+are empty. Until it is known, a number is NaN and a bool is False.
 
 | Key | Known | Meaning |
 |---|---|---|

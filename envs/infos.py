@@ -45,7 +45,8 @@ class TaskInfos:
 
     The keys are ``is_success``, ``reward_<term>``, the task's outcomes, ``limit_ratio`` (the worst of all kinds so far)
     and ``limit_ratios`` (the worst so far of each, in the order of `LIMIT_KINDS`). What is not known is NaN, or False
-    where it is a bool: reward terms at a reset, outcomes before the end of an episode.
+    where it is a bool: reward terms at a reset, outcomes before the end of an episode. Without the setting `info_terms`
+    there are infos of the ends of episodes only; the others are empty.
     """
 
     def __init__(self, task: Task) -> None:
@@ -53,7 +54,7 @@ class TaskInfos:
         self._ratios = self._records["limit_ratios"]
         self._own_ratios = self._ratios[0]
         self._terms = [f"reward_{name}" for name in task.reward_terms]
-        self._each_step = ["is_success", *self._terms]
+        self._each_step, self._wanted = ["is_success", *self._terms], bool(task.config.info_terms)
         bools = ["is_success", *(name for name in task.outcomes if name in task.boolean_outcomes)]
         numbers = [*self._terms, *(name for name in task.outcomes if name not in bools), "limit_ratio"]
         keys = ["is_success", *self._terms, *task.outcomes, "limit_ratio", "limit_ratios"]
@@ -64,6 +65,8 @@ class TaskInfos:
 
     def at_reset(self) -> Info:
         """Info of one environment at the start of an episode."""
+        if not self._wanted:
+            return {}
         return {**self._unknown, "limit_ratio": 0.0, "limit_ratios": np.zeros(len(LIMIT_KINDS))}
 
     def at_step(self, worst: float, known: Iterable[Any], *, ended: bool) -> Info:
@@ -74,6 +77,8 @@ class TaskInfos:
             known: whether the task is solved, and the terms of the reward.
             ended: whether the step has ended the episode.
         """
+        if not (ended or self._wanted):
+            return {}
         info = self._unknown.copy()
         for key, value in zip(self._each_step, known, strict=True):
             info[key] = value
@@ -97,6 +102,8 @@ class TaskInfos:
             begun: which have just been reset; none if left out.
             ended: of which the step has ended the episode; none if left out.
         """
+        if ended is None and not self._wanted:
+            return {}
         n, terms = len(self._records), len(self._terms)
         rows: Any = slice(None) if present is None else np.flatnonzero(present)
         numbers, bools = np.zeros((len(self._numbers), n)), np.zeros((len(self._bools), n), dtype=np.bool_)

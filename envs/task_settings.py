@@ -34,6 +34,7 @@ class TaskSettings(Settings):
         arm: the robot; a preset's name, an `Arm`, the path of a file or a mapping (`planners.load_arm`); the task's own
             when left out.
         gravity: along -y, m/s^2; 0 for a horizontal plane, 9.81 for a vertical one; the arm's own when left out.
+        info_terms: whether there is an info at every step; without, only where an episode ends, and steps cost less.
     """
 
     control_mode: str = "torque"
@@ -50,6 +51,7 @@ class TaskSettings(Settings):
     velocity_noise: Positive | None = None
     arm: ArmSetting | None = None
     gravity: float | None = Field(None, ge=0.0, le=30.0)
+    info_terms: bool = True
 
 
 class LimitSettings(TaskSettings):

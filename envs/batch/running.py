@@ -179,7 +179,7 @@ class RunningEpisodes(ABC):
     @cached_property
     def _common(self) -> dict[str, Any]:
         """What an environment has to have in common with this one to continue its states."""
-        own = [name for name in type(self.config).model_fields if name not in ("arm", "gravity")]
+        own = [name for name in type(self.config).model_fields if name not in ("arm", "gravity", "info_terms")]
         return {
             "environment": self.env_id,
             "task": f"{type(self).__module__}.{type(self).__qualname__}",
