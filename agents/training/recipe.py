@@ -12,6 +12,7 @@ from envs.card import task_card
 from envs.settings import Settings, refuse_unknown
 
 Device = Literal["auto", "cpu", "cuda"]
+OptimizerName = Literal["adam", "muon"]
 Width = Annotated[int, Field(ge=1, le=16_384)]  # of a layer
 Threads = Annotated[int, Field(ge=1, le=256)]
 Gains = Annotated[
@@ -233,6 +234,8 @@ class PPOConfig(TrainingConfig):
     """Settings of PPO beside those of every algorithm.
 
     Attributes:
+        optimizer: adam, or muon for the weights of hidden layers, in PPO and in the fits to an expert or a cost before
+            it.
         epochs: passes over the samples at each update.
         gae_lambda: of the generalised advantage estimate.
         clip_range: of the ratio of probabilities.
@@ -254,6 +257,7 @@ class PPOConfig(TrainingConfig):
     title: ClassVar[str] = "PPO"
     algorithm: Literal["ppo"] = "ppo"
     total_steps: int = Field(3_000_000, ge=0)
+    optimizer: OptimizerName = "adam"
     epochs: int = Field(8, ge=1)
     gae_lambda: float = Field(0.95, ge=0.0, le=1.0)
     clip_range: float = Field(0.2, gt=0.0)

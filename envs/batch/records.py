@@ -33,9 +33,9 @@ def make_records(count: int, fields: Fields) -> Records:
 
 
 def address_of_first(memory: NDArray[Any] | bytes) -> int:
-    """The address of the first byte; of an array quicker than ``ctypes.data``."""
+    """The address of the first byte."""
     array = np.frombuffer(memory, np.uint8) if isinstance(memory, bytes) else memory
-    return int(array.__array_interface__["data"][0])
+    return int(array.ctypes.data)
 
 
 def first_public_byte(records: Records) -> int:

@@ -14,10 +14,12 @@ from stable_baselines3.common.utils import explained_variance
 from agents.training.algorithms.segmented import Segmented, Tensors, between, layer_tensors, network_settings
 from agents.training.devices import thread_count
 from agents.training.gradients import Gradients
+from agents.training.optimizers import optimizer_of
 from agents.training.recipe import PPOConfig
 from agents.training.vec_env import NativeVecEnv
 from envs.observation import Layout
 
+_ADAM_EPS = 1e-5  # as in Stable-Baselines3
 _HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 _MEASURED = ("loss", "policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
 
@@ -40,6 +42,7 @@ class SegmentedPPO(Segmented, PPO):  # type: ignore[misc]
             warnings.filterwarnings("ignore", "You have specified a mini-batch size")  # `PPOConfig.remark` is shorter
             self._set_up(config, env, layout, device)
         self.policy.log_std.requires_grad_(config.final_log_std is None)
+        self.policy.optimizer = optimizer_of(config.optimizer, self.policy, config.learning_rate, eps=_ADAM_EPS)
 
     def _set_up(self, config: PPOConfig, env: NativeVecEnv, layout: Layout, device: str) -> None:
         super().__init__(
@@ -58,7 +61,6 @@ class SegmentedPPO(Segmented, PPO):  # type: ignore[misc]
             policy_kwargs={
                 **network_settings(config, layout),
                 "log_std_init": config.log_std,
-                "optimizer_kwargs": {"eps": 1e-5, "fused": True},
             },
             seed=config.seed,
             device=device,

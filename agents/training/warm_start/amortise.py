@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from agents.environments import VectorEnv, make_batch
 from agents.training.algorithms.ppo import mean_action
 from agents.training.devices import thread_count
+from agents.training.optimizers import optimizer_of
 from agents.training.recipe import Amortisation, PPOConfig
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -98,12 +99,9 @@ def amortise(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = No
     if plan is None:
         return True
     observations, cost = _moves(config, plan, seed)
-    last = list(policy.action_net.parameters())
-    inner = list(policy.mlp_extractor.policy_net.parameters())
     # An action of 1 is several radians. This makes the last layer's steps in radians as large as the others'.
     last_rate = 1.0 / SHAPE_SCALE * plan.learning_rate
-    groups = [{"params": inner, "lr": plan.learning_rate}, {"params": last, "lr": last_rate}]
-    optimizer = torch.optim.Adam(groups, fused=True)
+    optimizer = optimizer_of(config.optimizer, policy, plan.learning_rate, last_rate=last_rate)
 
     def loss(batch: Minibatch) -> torch.Tensor:
         moves = observations[batch]

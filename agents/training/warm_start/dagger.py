@@ -20,6 +20,7 @@ from agents.environments import make_batch
 from agents.training.algorithms.ppo import mean_action
 from agents.training.batches.estimates import certain_conditions
 from agents.training.devices import thread_count
+from agents.training.optimizers import optimizer_of
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
@@ -39,7 +40,7 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
     if plan is None:
         return True
     generator = np.random.default_rng(seed)
-    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate, fused=True)
+    optimizer = optimizer_of(config.optimizer, policy, plan.learning_rate)
     observations = np.zeros((0, *policy.observation_space.shape), np.float32)
     labels = np.zeros((0, *policy.action_space.shape), np.float32)
     first = 0
@@ -70,7 +71,7 @@ def dagger(policy: Any, config: PPOConfig, seed: int, stage: Stage | None = None
                 return False
         visited, _, rewards = levels.collect(None, policy, seed + plan.iterations * plan.episodes)
     returns = np.concatenate(returns_to_go(rewards, config.gamma))
-    _fit_value(policy, np.concatenate(visited), returns, plan, generator, thread_count(config))
+    _fit_value(policy, (np.concatenate(visited), returns), config, plan, generator)
     return True
 
 
@@ -166,18 +167,17 @@ def _fit_actions(
 
 def _fit_value(
     policy: Any,
-    observations: NDArray[np.float32],
-    returns: Array,
+    samples: tuple[NDArray[np.float32], Array],
+    config: PPOConfig,
     plan: WarmStart,
     generator: np.random.Generator,
-    threads: int,
 ) -> None:
     """Regression of the value on returns, so that the first updates of PPO do not undo the fit of the actions."""
-    visited, wanted = torch.from_numpy(observations), torch.from_numpy(returns.astype(np.float32))
+    visited, wanted = (torch.from_numpy(values.astype(np.float32)) for values in samples)
 
     def loss(batch: Minibatch) -> torch.Tensor:
         return torch.nn.functional.mse_loss(policy.predict_values(visited[batch])[:, 0], wanted[batch])
 
-    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate, fused=True)
-    for _ in gradient_steps(optimizer, loss, len(visited), plan, generator, threads=threads):
+    optimizer = optimizer_of(config.optimizer, policy, plan.learning_rate)
+    for _ in gradient_steps(optimizer, loss, len(visited), plan, generator, threads=thread_count(config)):
         pass
