@@ -1,4 +1,4 @@
-"""`agents.training.optimizers`: what Muon does to a network, and runs with it; needs the `rl` extra."""
+"""`agents.training.algorithms.optimizers`: what Muon does to a network, and runs with it; needs the `rl` extra."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 from test_amortise import SMALL as MOVES
 from test_training import CLONED, SMALL
 
-from agents.training.optimizers import MUON_RATE, optimizer_of
+from agents.training.algorithms.optimizers import MUON_RATE, optimizer_of
 from agents.training.recipe import TrainingConfig
 from agents.training.run import TrainingRun, Watcher
 

@@ -11,10 +11,10 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.utils import explained_variance
 
+from agents.training.algorithms.optimizers import optimizer_of
 from agents.training.algorithms.segmented import Segmented, Tensors, between, layer_tensors, network_settings
 from agents.training.devices import thread_count
 from agents.training.gradients import Gradients
-from agents.training.optimizers import optimizer_of
 from agents.training.recipe import PPOConfig
 from agents.training.vec_env import NativeVecEnv
 from envs.observation import Layout

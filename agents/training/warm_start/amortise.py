@@ -15,9 +15,9 @@ import torch
 from numpy.typing import NDArray
 
 from agents.environments import VectorEnv, make_batch
+from agents.training.algorithms.optimizers import optimizer_of
 from agents.training.algorithms.ppo import mean_action
 from agents.training.devices import thread_count
-from agents.training.optimizers import optimizer_of
 from agents.training.recipe import Amortisation, PPOConfig
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of

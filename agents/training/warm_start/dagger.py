@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 import envs
 from agents.datasets.read import read_dataset
 from agents.environments import make_batch
+from agents.training.algorithms.optimizers import optimizer_of
 from agents.training.algorithms.ppo import mean_action
 from agents.training.batches.estimates import certain_conditions
 from agents.training.devices import thread_count
-from agents.training.optimizers import optimizer_of
 from agents.training.recipe import PPOConfig, WarmStart
 from agents.training.warm_start.gradient_steps import Minibatch, gradient_steps
 from agents.training.warm_start.stage import Stage, state_of
