@@ -16,7 +16,9 @@ OptimizerName = Literal["adam", "muon"]
 Width = Annotated[int, Field(ge=1, le=16_384)]  # of a layer
 Threads = Annotated[int, Field(ge=1, le=256)]
 Gains = Annotated[
-    tuple[float, ...], BeforeValidator(lambda given: given if isinstance(given, list | tuple) else [given])
+    tuple[float, ...],
+    Field(min_length=1),
+    BeforeValidator(lambda given: given if isinstance(given, list | tuple) else [given]),
 ]
 
 DEFAULT_LEVEL = "default"  # the settings as they are, among levels

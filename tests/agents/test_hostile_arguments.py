@@ -97,6 +97,8 @@ REFUSED = [
     ("curves 'mk[/b]run'", "mk[/b]run is no folder"),
     ("train", "name a configuration"),
     ("train ppo/ConveyorTrack-v0 hidden=[-3]", "hidden.0 = -3"),
+    ("train ppo/ConveyorTrack-v0 fine.part_error=[]", "fine.part_error = []"),
+    ("train ppo/ConveyorTrack-v0 optimizer=sgd", "optimizer = 'sgd'"),
     ("train nope", 'unknown configuration (a file\'s name ends in .yaml) "nope"'),
     ("paper-dpct --plot x.gif", "(known: .pdf, .png, .svg)"),
     ("paper-lagrange --dpi 9999 --plot x.png", "dpi 9999"),

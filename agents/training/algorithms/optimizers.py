@@ -12,6 +12,10 @@ from agents.training.recipe import OptimizerName
 MUON_RATE = 10.0
 """Learning rate of the weights that Muon updates, over that of the other parameters."""
 
+WEIGHT_DECAY = 0.03
+"""Share of the weights, times the learning rate, that Muon takes off in a step: without, they grow over tens of
+thousands of steps until the fit of MinTorqueMove-v0 fails."""
+
 
 class Muon(torch.optim.Optimizer):  # type: ignore[misc]
     """Muon for the weights of hidden layers, Adam for all other parameters.
@@ -29,7 +33,7 @@ class Muon(torch.optim.Optimizer):  # type: ignore[misc]
     def __init__(
         self, weights: Iterable[torch.Tensor], others: list[dict[str, Any]], learning_rate: float, eps: float
     ) -> None:
-        self._muon = torch.optim.Muon(weights, lr=learning_rate, weight_decay=0.0)
+        self._muon = torch.optim.Muon(weights, lr=learning_rate, weight_decay=WEIGHT_DECAY)
         self._adam = torch.optim.Adam(others, lr=learning_rate, eps=eps, fused=True)
         super().__init__([*self._muon.param_groups, *self._adam.param_groups], {})
         self._share()
