@@ -236,8 +236,7 @@ class PPOConfig(TrainingConfig):
     """Settings of PPO beside those of every algorithm.
 
     Attributes:
-        optimizer: adam, or muon for the weights of hidden layers, in PPO and in the fits to an expert or a cost before
-            it.
+        optimizer: adam, or muon for the weights of hidden layers, in PPO and in the fits before it.
         epochs: passes over the samples at each update.
         gae_lambda: of the generalised advantage estimate.
         clip_range: of the ratio of probabilities.

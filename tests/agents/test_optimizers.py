@@ -20,9 +20,23 @@ from agents.training.run import TrainingRun, Watcher
 
 pytestmark = pytest.mark.rl
 
+PATHS: dict[str, Any] = {
+    "env": "ObstacleDodge-v0",
+    "forecasts": {"episodes": 8, "updates": 40, "batch_size": 32},
+    "total_steps": 64,
+    "checkpoint_steps": 32,
+    "num_envs": 2,
+    "rollout_steps": 8,
+    "batch_size": 16,
+    "hidden": [8, 8],
+    "evaluation_episodes": 2,
+    "baselines": [],
+}
+# A recipe, what the lines about its fit begin with, and a step between its first and its second checkpoint.
 RECIPES = {
-    "DAgger and PPO": {**SMALL, **CLONED, "total_steps": 800, "checkpoint_steps": 400},
-    "amortised": MOVES,
+    "DAgger": ({**SMALL, **CLONED, "total_steps": 800, "checkpoint_steps": 400}, "DAgger", 600),
+    "amortised": (MOVES, "amortising", 48),
+    "forecasts": (PATHS, "forecasts", 48),
 }
 
 
@@ -96,18 +110,28 @@ def test_an_optimizer_goes_on_from_its_state() -> None:
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
-def test_a_run_with_muon_is_stopped_anywhere_and_ends_with_the_same_weights(recipe: str, tmp_path: Path) -> None:
-    config = TrainingConfig.parse({**RECIPES[recipe], "optimizer": "muon"}, "training setting")
+def test_a_run_with_muon_is_stopped_in_its_fit_and_in_ppo_and_ends_with_the_same_weights(
+    recipe: str, tmp_path: Path
+) -> None:
+    given, fit, step = RECIPES[recipe]
+    config = TrainingConfig.parse({**given, "optimizer": "muon"}, "training setting")
     assert TrainingRun.begin(tmp_path / "whole", config, "test").train()
     run = TrainingRun.begin(tmp_path / "stopped", config, "test")
     lines: list[str] = []
-    for word in ("DAgger", "amortising", "success"):  # in the fit, after it, and at a checkpoint
-        before = len(lines)
-        run.train(Watcher(begin=lines.append, stop=lambda: any(word in line for line in lines[before:])))  # noqa: B023
-        run = TrainingRun.resume(tmp_path / "stopped")
-    run.train()
+    steps = [0]
+    assert not run.train(Watcher(begin=lines.append, stop=lambda: bool(lines) and lines[-1].startswith(fit)))
+    run = TrainingRun.resume(tmp_path / "stopped")
+    assert not run.train(Watcher(step=steps.append, stop=lambda: steps[-1] >= step))
+    assert (tmp_path / "stopped" / "checkpoint.pt").exists()
+    assert TrainingRun.resume(tmp_path / "stopped").train()
     one, other = ((tmp_path / name / "last.safetensors").read_bytes() for name in ("whole", "stopped"))
     assert one == other
-    plain = TrainingConfig.parse(RECIPES[recipe], "training setting")
-    assert TrainingRun.begin(tmp_path / "adam", plain, "test").train()
-    assert (tmp_path / "adam" / "last.safetensors").read_bytes() != one
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_every_fit_before_ppo_takes_the_optimizer(recipe: str, tmp_path: Path) -> None:
+    for name in ("adam", "muon"):
+        given = {**RECIPES[recipe][0], "total_steps": 0, "optimizer": name}
+        assert TrainingRun.begin(tmp_path / name, TrainingConfig.parse(given, "training setting"), "test").train()
+    one, other = ((tmp_path / name / "last.safetensors").read_bytes() for name in ("adam", "muon"))
+    assert one != other

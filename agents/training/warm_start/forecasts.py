@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from agents.environments import make_batch
+from agents.training.algorithms.optimizers import optimizer_of
 from agents.training.algorithms.ppo import mean_action
 from agents.training.devices import thread_count
 from agents.training.recipe import Forecasts, PPOConfig
@@ -53,7 +54,7 @@ def fit_forecasts(policy: Any, config: PPOConfig, seed: int, stage: Stage | None
     inputs, wanted = (torch.from_numpy(values) for values in _samples(config, plan, seed))
     spread = (0.04 + 0.12 * np.repeat(KNOTS, 2)) / (PACE * np.repeat(KNOTS, 2))
     weights = torch.from_numpy((1.0 / spread**2 / len(spread)).astype(np.float32))
-    optimizer = torch.optim.Adam(policy.parameters(), lr=plan.learning_rate, fused=True)
+    optimizer = optimizer_of(config.optimizer, policy, plan.learning_rate)
     generator, done = np.random.default_rng(seed), 0
     if state := stage.load("forecasts"):
         policy.load_state_dict(state["policy"])
