@@ -80,8 +80,7 @@ class TaskInfos:
         if not (ended or self._wanted):
             return {}
         info = self._unknown.copy()
-        for key, value in zip(self._each_step, known, strict=True):
-            info[key] = value
+        info.update(zip(self._each_step, known, strict=True))
         info["limit_ratio"] = worst
         info["limit_ratios"] = self._own_ratios.copy()
         if ended:

@@ -93,10 +93,9 @@ def _follow_legs(draw: Any, arm: Any) -> None:
     disc, kind, speed = draw.disc, draw.path_kind, draw.speed
     x, y = _spawn(generator, draw, arm)
     follow = 1.0 - math.exp(-PATH_STEP / LAG)
-    pace, vx, vy, end_x, end_y = speed, 0.0, 0.0, x, y
+    pace, vx, vy, end_x, end_y, far = speed, 0.0, 0.0, x, y, 0.0
     for sample in range(paths.shape[0]):
         paths[sample, disc, 0], paths[sample, disc, 1] = x, y
-        far = math.hypot(end_x - x, end_y - y)
         if far < ARRIVED:
             if math.isnan(speed) and (sample == 0 or kind == _WAYPOINTS):
                 pace = SLOWEST + (FASTEST - SLOWEST) * uniform(generator)
@@ -105,7 +104,12 @@ def _follow_legs(draw: Any, arm: Any) -> None:
         share = 1.0 if sample == 0 else follow
         vx += share * (pace * (end_x - x) / far - vx)
         vy += share * (pace * (end_y - y) / far - vy)
-        x, y = _within(x + PATH_STEP * vx, y + PATH_STEP * vy)
+        x, y = x + PATH_STEP * vx, y + PATH_STEP * vy
+        far = math.hypot(end_x - x, end_y - y)
+        held_x, held_y = _within(x, y)
+        if held_x != x or held_y != y:  # seldom, so that the processor need not wait for it
+            x, y = held_x, held_y
+            far = math.hypot(end_x - x, end_y - y)
     _place(arm, paths, disc)
 
 
