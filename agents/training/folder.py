@@ -105,6 +105,8 @@ def check_files(folder: Path) -> None:
 def check_origin(folder: Path, config: TrainingConfig) -> str:
     """Compare a run's settings with those that it began with; device and threads may change.
 
+    A setting that there was not yet when the run began has its default.
+
     Returns:
         The identity of the run, equal for runs of equal settings, which have equal checkpoints.
 
@@ -116,8 +118,9 @@ def check_origin(folder: Path, config: TrainingConfig) -> str:
     began = about.get("config") if isinstance(about, dict) else None
     if not isinstance(began, dict):
         raise ValueError(f"{path} is damaged: it does not have the settings that the run began with; restore it")
+    then = TrainingConfig.parse(began, str(path)).model_dump(mode="json")
     now = config.model_dump(mode="json")
-    if changed := [line for line in _changes(began, now) if not line.startswith(_FREE)]:
+    if changed := [line for line in _changes(then, now) if not line.startswith(_FREE)]:
         raise ValueError(
             f"{folder / 'config.yaml'} was edited since the run began ({', '.join(changed[:8])}): a run keeps its "
             f"settings; restore them ({path.name} has them), or begin another run"

@@ -130,6 +130,22 @@ def test_edited_settings_are_noticed_but_for_device_and_threads(run: Path, capsy
     torch.set_num_threads(1)
 
 
+def test_a_run_from_before_there_was_a_setting_goes_on_with_its_default(finished: Path, tmp_path: Path) -> None:
+    TrainingRun.begin(tmp_path, small(), "test")
+    config, about = tmp_path / "config.yaml", tmp_path / "run.json"
+    began = json.loads(about.read_text())
+    del began["config"]["optimizer"]
+    about.write_text(json.dumps(began))
+    config.write_text(yaml.safe_dump(began["config"]))
+    stopped = Watcher(stop=lambda: (tmp_path / "checkpoint.pt").exists())
+    assert not TrainingRun.resume(tmp_path).train(stopped)
+    assert TrainingRun.resume(tmp_path).train()
+    assert (tmp_path / "last.safetensors").read_bytes() == (finished / "last.safetensors").read_bytes()
+    with pytest.raises(ValueError, match="optimizer: muon, which was adam"):
+        config.write_text(yaml.safe_dump({**began["config"], "optimizer": "muon"}))
+        TrainingRun.resume(tmp_path)
+
+
 def test_two_processes_do_not_train_in_one_folder(run: Path) -> None:
     (run / "checkpoint.pt").unlink()
     said: list[str] = []
