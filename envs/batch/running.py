@@ -85,7 +85,7 @@ class RunningEpisodes(ABC):
             self.uncertainty.write(record, truth)
             self.begin(record, start)
             record["begun"] = True
-        self._ready = bool(self._batch.records["begun"].all())
+        self._ready = self._ready or bool(self._batch.records["begun"].all())
 
     def begin(self, record: Any, start: Any) -> None:
         """Begin the episode of a start in the environment of a record."""

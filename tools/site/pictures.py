@@ -46,7 +46,6 @@ LONG = {
         f"curves_{task}.png": f"planarm curves runs/{run}-* --against steps --plot {FOLDER}/curves_{task}.png"
         for task, run in {
             "conveyor_track": "belt",
-            "min_torque_move": "move",
             "obstacle_dodge": "dodge",
             "excavator_payload": "load",
         }.items()
