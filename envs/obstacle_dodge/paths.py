@@ -107,7 +107,7 @@ def _follow_legs(draw: Any, arm: Any) -> None:
         x, y = x + PATH_STEP * vx, y + PATH_STEP * vy
         far = math.hypot(end_x - x, end_y - y)
         held_x, held_y = _within(x, y)
-        if held_x != x or held_y != y:  # seldom, so that the processor need not wait for it
+        if held_x != x or held_y != y:  # in few samples; in the others `far` need not wait for `_within`
             x, y = held_x, held_y
             far = math.hypot(end_x - x, end_y - y)
     _place(arm, paths, disc)

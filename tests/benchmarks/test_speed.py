@@ -205,9 +205,9 @@ RESETS = [
     ("ConveyorTrack-v0", "velocity", 0.85),
     ("MinTorqueMove-v0", "torque", 0.5),
     ("MinTorqueMove-v0", "motion", 0.5),
-    ("ObstacleDodge-v0", "torque", 0.8),
-    ("ObstacleDodge-v0", "acceleration", 0.8),
-    ("ObstacleDodge-v0", "velocity", 0.8),
+    ("ObstacleDodge-v0", "torque", 0.85),
+    ("ObstacleDodge-v0", "acceleration", 0.85),
+    ("ObstacleDodge-v0", "velocity", 0.85),
     ("ExcavatorPayload-v0", "torque", 0.5),
     ("ExcavatorPayload-v0", "residual", 0.85),
 ]

@@ -30,7 +30,7 @@ ROUNDS = 6
 @pytest.mark.skipif("not config.getoption('--benchmark-enable')", reason="a ratio of times; needs --benchmark-enable")
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two processors")
 def test_an_update_on_two_threads_takes_less_time_than_stable_baselines3s_on_one() -> None:
-    config = load_config("ppo/ObstacleDodge-v0", PPOConfig).overridden(["epochs=1", "threads=2", "optimizer=adam"])
+    config = load_config("ppo/ObstacleDodge-v0", PPOConfig).overridden(["epochs=1", "threads=2"])
     assert isinstance(config, PPOConfig)
     torch.set_num_threads(1)
     with closing(NativeVecEnv(make_batch(config.env_id, config.num_envs, config.env_config))) as env:
