@@ -161,6 +161,13 @@ def task_type(env_id: str) -> Any:
     return load(kind) if isinstance(kind, str) else kind
 
 
+def with_defaults(env_id: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of an environment, those that are left out with their defaults if it is a task of planarm's kind."""
+    task = task_type(env_id)
+    fields = {} if task is None else task.config_type.model_fields
+    return {**{name: spec.default for name, spec in fields.items()}, **settings}
+
+
 def _where(error: BaseException) -> str:
     """An error in one line, with the last place in the code where it arose."""
     text = f"{type(error).__name__}: {error}"

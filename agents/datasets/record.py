@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.datasets.store import DETAILS, Draft, as_json, minari
-from agents.environments import card_of, check_names, check_seed, import_env, make_one, portable
+from agents.environments import card_of, check_names, check_seed, import_env, make_one, portable, with_defaults
 from agents.policies.lookup import AnyPolicy, NamedPolicy, name_policies
 from agents.policies.play import play
 from agents.policies.policy import Actor
@@ -124,7 +124,7 @@ def record_dataset(
     refuse_twice([policy for policy in policies if isinstance(policy, str)], "policy")
     named = name_policies(policies, env_id, allow_code=allow_code)
     given = portable(env_config or {})
-    settings = _common_settings(named, given)
+    settings = _common_settings(env_id, named, given)
     check_names(env_id, settings, options or {})
     for name, value in (options or {}).items():
         try:
@@ -277,11 +277,11 @@ def _write(draft: Draft, batch: list[tuple[Any, dict[str, Any]]]) -> None:
             raise errors[0]
 
 
-def _common_settings(named: Sequence[NamedPolicy], given: Info) -> dict[str, Any]:
+def _common_settings(env_id: str, named: Sequence[NamedPolicy], given: Info) -> dict[str, Any]:
     """The settings of one environment for all policies; a ValueError if they need different ones."""
     settings = [each.own_settings(given) for each in named]
     for each, wanted in zip(named[1:], settings[1:], strict=True):
-        if wanted != settings[0]:
+        if with_defaults(env_id, wanted) != with_defaults(env_id, settings[0]):
             raise ValueError(
                 f"{named[0].name} acts with {json.dumps(as_json(settings[0]))} and {each.name} with "
                 f"{json.dumps(as_json(wanted))}: a dataset has one environment, so give the same settings, such as "

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from agents.environments import import_before, is_in_module, task_type
+from agents.environments import import_before, is_in_module, task_type, with_defaults
 from agents.policies.agent import ACTION_SETTINGS, Agent
 from agents.policies.files import load_agent, shipped_agents, shipped_variants
 from agents.policies.policy import Policy, PolicyMaker
@@ -87,9 +87,7 @@ class NamedPolicy:
 
         It would act in other episodes than other policies; the meaning of its actions is its own.
         """
-        task = task_type(env_id)
-        fields = {} if task is None else task.config_type.model_fields
-        has = {**{name: spec.default for name, spec in fields.items()}, **settings}
+        has = with_defaults(env_id, settings)
         others = {name: value for name, value in self.action_config.items() if name not in ACTION_SETTINGS}
         given = [f"{name} {brief(value)}" for name, value in others.items() if name not in has or has[name] != value]
         if given:

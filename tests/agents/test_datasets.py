@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,16 @@ def test_without_minari_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(DependencyNotInstalled, match=r'pip install "planarm\[data\]"'):
         record_dataset("any-v0", BELT, ["random"], 1)
+
+
+def test_a_setting_left_out_is_the_same_as_its_default() -> None:
+    agent = agents.load_agent(BELT)
+    explicit = replace(agent, document={**agent.document, "env_config": {**agent.env_config, "relative_motion": False}})
+    record_dataset("alike-v0", BELT, {"one": agent, "other": explicit}, 1)
+    one, other = minari.load_dataset("alike-v0").iterate_episodes()
+    assert np.array_equal(one.actions, other.actions)
+    with pytest.raises(ValueError, match=r'one acts with {"control_mode": "jerk"} and dpct with {}: a dataset has one'):
+        record_dataset("unlike-v0", BELT, {"one": agent, "dpct": "dpct"}, 1)
 
 
 def test_a_dataset_is_read_for_the_settings_it_was_recorded_in() -> None:

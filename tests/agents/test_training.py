@@ -244,9 +244,7 @@ def test_ctrl_c_and_sigterm_end_a_run_at_once_and_say_how_to_go_on(
         time.sleep(0.01)
     time.sleep(1.0)
     process.send_signal(number)
-    before = time.perf_counter()
-    _, printed = process.communicate()
-    assert time.perf_counter() - before < 10.0  # under a second where nothing else runs, and minutes if it waited
+    _, printed = process.communicate(timeout=20.0)  # under a second where nothing else runs, and minutes if it waited
     assert process.returncode == 128 + number
     assert f"--resume {folder}" in printed
     if until == "checkpoint.pt":
