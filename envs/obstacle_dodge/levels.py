@@ -13,6 +13,11 @@ LEVELS = {
         options={"obstacle_radius": 0.2, "obstacle_speed": 1.5},
         every_arm=False,
     ),
+    "fast_very_large": Level(
+        "disc with a radius of 0.25 m at 1.5 m/s",
+        options={"obstacle_radius": 0.25, "obstacle_speed": 1.5},
+        every_arm=False,
+    ),
     "two_discs": Level("two discs", {"num_obstacles": 2}),
     "fast_two_discs": Level("two discs at 1.5 m/s", {"num_obstacles": 2}, {"obstacle_speed": 1.5}, every_arm=False),
     "three_discs": Level("three discs", {"num_obstacles": 3}),
