@@ -103,7 +103,7 @@ def read_dataset(dataset: str, *, most: int | None = None) -> list[Demonstration
 
 
 def _differences(env_id: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
-    """Settings that are not the same, in words."""
+    """Settings that are not the same, in words; but for the infos, which training does not read."""
     task = task_type(env_id)
     if task is None:
         return []
@@ -113,5 +113,5 @@ def _differences(env_id: str, recorded: Mapping[str, Any], wanted: Mapping[str, 
     return [
         f"{name} {brief(theirs[name])}, and the run has {brief(ours[name])}"
         for name in ours
-        if ours[name] != theirs[name]
+        if ours[name] != theirs[name] and name != "info_terms"
     ]

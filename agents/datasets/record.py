@@ -92,9 +92,9 @@ def record_dataset(
 
     Each episode holds its observations, actions, rewards, ends and infos (with the terms of the reward, and what the
     policy has planned, NaN without a plan), its seed and options, and as metadata the policy's name, its success and
-    its return. The dataset's metadata hold the settings, the task's card, versions, machine and command. A fresh
-    environment of `minari.MinariDataset.recover_environment` repeats an episode from its seed, options and actions to
-    the bit. Ctrl-C ends the recording: the dataset then holds the episodes so far.
+    its return. The dataset's metadata hold the settings, the task's card (all of it but its functions), versions,
+    machine and command. A fresh environment of `minari.MinariDataset.recover_environment` repeats an episode from its
+    seed, options and actions to the bit. Ctrl-C ends the recording: the dataset then holds the episodes so far.
 
     Args:
         dataset_id: ``(namespace/)name-v0``; it is written where Minari keeps its datasets.
@@ -111,8 +111,8 @@ def record_dataset(
         progress: called with 1 after each episode.
 
     Raises:
-        ValueError: for an unknown policy, setting or option, policies that act in different control modes, no episode
-            that is a success, or an id that is malformed or taken.
+        ValueError: for an unknown policy, setting or option, policies that act in different control modes,
+            ``info_terms`` false, no episode that is a success, or an id that is malformed, taken or inside a dataset.
         gymnasium.error.DependencyNotInstalled: without Minari, the extra ``data``.
         KeyboardInterrupt: if Ctrl-C comes before the first episode has ended.
     """
@@ -278,8 +278,12 @@ def _write(draft: Draft, batch: list[tuple[Any, dict[str, Any]]]) -> None:
 
 
 def _common_settings(env_id: str, named: Sequence[NamedPolicy], given: Info) -> dict[str, Any]:
-    """The settings of one environment for all policies; a ValueError if they need different ones."""
-    settings = [each.own_settings(given) for each in named]
+    """The settings of one environment for all policies; a ValueError if they need different ones, or hide infos."""
+    if not given.get("info_terms", True):
+        raise ValueError("info_terms false leaves out the terms of the reward, which a dataset holds: leave it out")
+    settings = [
+        {name: value for name, value in each.own_settings(given).items() if name != "info_terms"} for each in named
+    ]
     for each, wanted in zip(named[1:], settings[1:], strict=True):
         if with_defaults(env_id, wanted) != with_defaults(env_id, settings[0]):
             raise ValueError(
@@ -291,9 +295,16 @@ def _common_settings(env_id: str, named: Sequence[NamedPolicy], given: Info) -> 
 
 
 def _card(env_id: str) -> dict[str, Any]:
-    """What the task's card says about its numbers."""
-    metrics = [
-        {"key": metric.key, "title": metric.title, "factor": metric.factor, "lower_is_better": metric.lower_is_better}
-        for metric in card_of(env_id).metrics
-    ]
-    return {"metrics": metrics}
+    """The part of the task's card that is data: all but the functions."""
+    card = card_of(env_id)
+    return {
+        "metrics": [vars(metric) for metric in card.metrics],
+        "experts": list(card.experts),
+        "control_modes": list(card.control_modes),
+        "bound": card.bound and {"metric": card.bound.metric, "meaning": card.bound.meaning},
+        "links": list(card.links),
+        "levels": {
+            name: {"meaning": level.meaning, "settings": dict(level.settings), "options": dict(level.options)}
+            for name, level in card.levels.items()
+        },
+    }

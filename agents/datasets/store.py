@@ -118,7 +118,7 @@ class Draft:
         overwrite: whether a dataset of this id may be replaced.
 
     Raises:
-        ValueError: if the id is malformed, or there is such a dataset.
+        ValueError: if the id is malformed, there is such a dataset, or the folder is inside another one's.
     """
 
     def __init__(self, dataset_id: str, env: Any, *, overwrite: bool = False) -> None:
@@ -127,6 +127,7 @@ class Draft:
 
         self.dataset_id, self.folder = dataset_id, folder_of_id(dataset_id)
         root = self.folder.parents[len(Path(dataset_id).parts) - 1]
+        _require_apart(dataset_id, root)
         root.mkdir(parents=True, exist_ok=True)
         _tidy(root)
         if (self.folder / "data").exists() and not overwrite:
@@ -221,6 +222,17 @@ def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
 
     document: dict[str, Any] = json.loads(json.dumps(dict(values), default=plain))
     return document
+
+
+def _require_apart(dataset_id: str, root: Path) -> None:
+    """Raise a ValueError for an id inside a dataset, with which it would be deleted, or where one keeps its files."""
+    parts = Path(dataset_id).parts
+    if "data" in parts:
+        raise ValueError(f"dataset {dataset_id} has a part data, where Minari keeps the files of a dataset: rename it")
+    for number in range(1, len(parts)):
+        if (root.joinpath(*parts[:number]) / "data").exists():
+            outer = "/".join(parts[:number])
+            raise ValueError(f"dataset {dataset_id} would be inside dataset {outer}, and deleted with it: rename it")
 
 
 def _tidy(root: Path) -> None:

@@ -18,7 +18,7 @@ FORMAT = 1
 CARDS = ("card.yaml", "card.json")
 """Names that the file of a card may have."""
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", max_length=40)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9]([A-Za-z0-9 ._-]*[A-Za-z0-9])?$", max_length=40)]
 Author = Annotated[str, StringConstraints(pattern=r"^\w[\w .,'-]*$", max_length=80)]
 Licence = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9 .+()-]*$", max_length=80)]
 Link = Annotated[str, StringConstraints(pattern=r"^https://[^\s<>\"'`|\[\](){}\\]+$", max_length=300)]
@@ -65,7 +65,7 @@ class Card(Settings):
 
     Attributes:
         format: version of the card.
-        name: of the agent in the tables, none of a policy of the leaderboard.
+        name: of the agent in the tables, none of a policy or another row of the leaderboard.
         authors: who made it.
         tasks: titles of tasks of the leaderboard, all of the agent's environment.
         settings: those in which the agent acts, as in agent.json; the control mode.

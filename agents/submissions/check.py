@@ -13,6 +13,7 @@ from agents.submissions.card import Claims
 from agents.submissions.claims import agreement, claims_of
 from agents.submissions.folder import Submission, leaderboard_config, read_submission
 from agents.submissions.sealed import SealedList, commitment
+from agents.yaml_config import refuse_twice
 
 Run = Callable[[Benchmark], Scoreboard]
 """Runs a benchmark to its end."""
@@ -75,6 +76,23 @@ def check(
     except ValueError as error:
         return Verdict(folder, False, " ".join(str(error).split()), submission, scored)
     return Verdict(folder, True, f"the claimed numbers {reason}", submission, scored, public, hidden)
+
+
+def require_comparable(folders: Sequence[Path], against: Sequence[str]) -> None:
+    """Raise a ValueError unless there are these policies, each once, and they can act in the tasks of submissions.
+
+    A folder without a submission is left to `check`, which says why.
+    """
+    refuse_twice(against, "policy")
+    for folder in folders:
+        try:
+            submission = read_submission(folder)
+        except ValueError:
+            continue
+        refuse_twice((submission.card.name, *against), "policy")
+        if against:
+            tasks = tuple(task.model_copy(update={"policies": tuple(against)}) for task in submission.tasks)
+            Benchmark(leaderboard_config().model_copy(update={"tasks": tasks})).check()
 
 
 def benchmark_of(

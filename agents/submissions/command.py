@@ -15,7 +15,7 @@ from agents.evaluation.benchmark import Benchmark
 from agents.evaluation.scoreboard import Scoreboard
 from agents.report.outputs import run_with_bar
 from agents.submissions.card import CARDS, write_claims
-from agents.submissions.check import Verdict, benchmark_of, check
+from agents.submissions.check import Verdict, benchmark_of, check, require_comparable
 from agents.submissions.claims import claims_of
 from agents.submissions.folder import read_submission
 from agents.submissions.sealed import SealedList, broken, commitment, find_list, published
@@ -92,7 +92,8 @@ class SealedOptions:
 class SubmitOptions:
     """Submit an agent to the leaderboard: a folder with its weights, their JSON and a card, without code.
 
-    Exit codes of check: 0 accepted, 1 refused, with the reason; of sealed: 1 if a secret is not what was hashed.
+    Exit codes of check: 0 accepted, 1 refused, with the reason, 2 something that is asked for is unknown; of sealed: 1
+    if a secret is not what was hashed.
 
     For example:
 
@@ -162,6 +163,7 @@ def _check(options: CheckOptions) -> int:
     if missing := [str(folder) for folder in options.folders if not folder.is_dir()]:
         raise ValueError(f"no folder {', '.join(missing)}")
     sealed = find_list(options.sealed)
+    require_comparable(options.folders, options.against or ())
     verdicts = []
     for folder in options.folders:
         verdict = check(folder, _scored, episodes=options.episodes, against=options.against, sealed=sealed)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from agents.environments import task_type
@@ -21,6 +23,7 @@ WEIGHTS, JSON = "agent.safetensors", "agent.json"
 """Names of the files of the agent."""
 MOST_WEIGHT_BYTES, MOST_JSON_BYTES, MOST_LAYERS = 1 << 21, 1 << 18, 8
 """Largest sizes of the agent's files, bytes, and most hidden layers: with them the time of an action is bounded."""
+_REFERENCES = ("paper", "best known", "lower bound", "bound")  # rows of tables and lines of figures beside policies
 
 
 @dataclass(frozen=True)
@@ -106,14 +109,21 @@ def _tasks(card: Card, agent: Agent) -> tuple[BenchmarkTask, ...]:
     """The tasks of a card; a ValueError if they, the settings or the name do not fit the agent or the leaderboard."""
     config = leaderboard_config()
     titles = {task.title: task for task in config.tasks}
+    names = {*config.policies, *_REFERENCES}.union(*(task.policies or () for task in config.tasks))
+    if any(map(partial(_looks_like, card.name), names)):
+        raise ValueError(f'name "{card.name}" is that of a policy or of another row of the leaderboard: choose another')
     refuse_unknown(card.tasks, titles, "task of the leaderboard")
     refuse_twice(card.tasks, "task")
     tasks = tuple(titles[title] for title in card.tasks)
     for task in tasks:
         if task.env != agent.env_id:
             raise ValueError(f"task {task.title} is one of {task.env}; the agent was trained on {agent.env_id}")
-        if card.name.casefold() in map(str.casefold, task.policies or config.policies):
-            raise ValueError(f'name "{card.name}" is that of a policy of the leaderboard: choose another')
     if card.settings != own_settings(agent):
         raise ValueError(f"settings {brief(card.settings)} are not those of the agent, {own_settings(agent)}")
     return tasks
+
+
+def _looks_like(name: str, other: str) -> bool:
+    """Whether two names differ by nothing but case, spaces and punctuation."""
+    one, two = (re.sub(r"[\W_]", "", text.casefold()) for text in (name, other))
+    return one == two

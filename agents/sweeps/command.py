@@ -33,10 +33,11 @@ if TYPE_CHECKING:
 class SweepOptions:
     """Train with many settings, side by side on Ray; needs pip install "planarm[rl,cluster]".
 
-    Each trial is a run of planarm train in FOLDER/trials. A trial takes as many processors as its setting threads says
-    (one, unless the minibatches are large); as many trials run at once as fit. One whose worker dies goes on from its
-    last checkpoint, on another node if need be. After Ctrl-C, or if the whole cluster is lost, --resume goes on with
-    everything; the results are the same to the bit as without interruption.
+    Each trial is a run of planarm train in FOLDER/trials, all of one environment. A trial takes as many processors as
+    its setting threads says (by default one, and for PPO two from minibatches of 256 samples on); as many trials run at
+    once as fit. One whose worker dies goes on from its last checkpoint, on another node if need be. After Ctrl-C, or if
+    the whole cluster is lost, --resume goes on with everything; the results are the same to the bit as without
+    interruption.
 
     --over takes values with commas between them, 0..4 for all integers from 0 to 4, 0.9..0.99 for an interval to draw
     from, and 1e-4..1e-2:log for one in which the logarithm is uniform. Trials are all combinations. --samples N takes N

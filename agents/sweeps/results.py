@@ -51,12 +51,15 @@ class SweepResults:
         """As the folder has them."""
         self.sweep = sweep
         self.records = {trial.name: Record(trial) for trial in sweep.trials}
-        stopped = _stopped(sweep.folder / "results.json")
+        before = _before(sweep.folder / "results.json")
         for name, record in self.records.items():
+            known = before.get(name, {})
+            lost = known.get("workers_lost")
+            record.losses = lost if isinstance(lost, int) else 0
             record.rows = rows_so_far(sweep.folder_of(record.trial))
             if record.rows and record.rows[-1]["steps"] >= record.trial.config.total_steps:
                 record.state = "done"
-            elif name in stopped:
+            elif known.get("state") == "stopped":
                 record.state = "stopped"
 
     @property
@@ -100,13 +103,14 @@ class SweepResults:
 
     def csv(self) -> str:
         """A line a trial, the best first: its settings, and its scores at its best checkpoint."""
-        columns = list(dict.fromkeys(name for record in self.ranked for name in (record.best or {})))
+        ranked, keys = self.ranked, self.sweep.keys
+        columns = list(dict.fromkeys(name for record in ranked for name in (record.best or {})))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["trial", "state", *self.sweep.keys, *(f"best_{name}" for name in columns)])
-        for record in self.ranked:
+        writer.writerow(["trial", "state", *keys, *(f"best_{name}" for name in columns)])
+        for record in ranked:
             values, best = record.trial.values, record.best or {}
-            settings = [values.get(key, "") for key in self.sweep.keys]
+            settings = [values.get(key, "") for key in keys]
             writer.writerow([record.trial.name, record.state, *settings, *(best.get(name, "") for name in columns)])
         return text.getvalue()
 
@@ -134,10 +138,10 @@ class SweepResults:
         return Table(env_id, headers, rows, caption, text_columns=2 + len(keys))
 
 
-def _stopped(path: Path) -> set[str]:
-    """Names of the trials that ASHA has ended, from the results of before."""
+def _before(path: Path) -> dict[str, dict[str, Any]]:
+    """The entries of the trials in the results of before, by name; none without."""
     if not path.is_file():
-        return set()
+        return {}
     document = read_document(path, _MOST_BYTES)
     trials = document.get("trials", []) if isinstance(document, dict) else []
-    return {str(trial["trial"]) for trial in trials if isinstance(trial, dict) and trial.get("state") == "stopped"}
+    return {str(trial.get("trial")): trial for trial in trials if isinstance(trial, dict)}

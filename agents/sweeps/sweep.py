@@ -127,7 +127,8 @@ def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> li
         points: the values of each, by the names of settings; dots lead into nested ones.
 
     Raises:
-        ValueError: for a setting that does not exist or a value that it refuses, and if two trials are the same.
+        ValueError: for a setting that does not exist or a value that it refuses, if two trials are the same, and if
+            they are of different environments, whose scores cannot be ranked.
     """
     trials: list[Trial] = []
     known: dict[str, str] = {}
@@ -143,6 +144,11 @@ def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> li
         if twin != name:
             raise ValueError(f"the trials {twin} and {name} have the same settings: give each value once")
         trials.append(Trial(name, dict(values), config))
+    if len(found := {trial.config.env_id for trial in trials}) > 1:
+        raise ValueError(
+            f"the trials are of {' and '.join(sorted(found))}, whose scores cannot be ranked in one table: make "
+            "a sweep for each"
+        )
     return trials
 
 

@@ -155,7 +155,8 @@ def _recorder(tune: Any, results: SweepResults, heard: Callable[[str], object]) 
             if record.state == "running":
                 over = record.rows and record.rows[-1]["steps"] >= record.trial.config.total_steps
                 record.state = "done" if over else "stopped"
-                results.write()
+            if record.state == "stopped":
+                results.write()  # at once: unlike that of others, the end of this trial is not in its own folder
             changed()
 
         def on_trial_recover(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:

@@ -21,6 +21,7 @@ from agents.datasets import store
 from agents.datasets.read import check_dataset, read_dataset
 from agents.datasets.record import PLAN, record_dataset
 from agents.datasets.store import open_dataset
+from envs import task_card
 from tests.pages import steps
 
 minari = pytest.importorskip("minari")
@@ -190,6 +191,41 @@ def test_a_dataset_is_read_for_the_settings_it_was_recorded_in() -> None:
     first, second = read_dataset("jerk-v0")
     assert len(first.observations) == len(first.actions) + 1 == len(first.rewards) + 1
     assert not np.array_equal(first.actions, second.actions)
+
+
+def test_infos_are_recorded_always_and_do_not_matter_to_training() -> None:
+    agent = agents.load_agent(BELT)
+    quiet = replace(agent, document={**agent.document, "env_config": {**agent.env_config, "info_terms": False}})
+    record_dataset("full-v0", BELT, {"mine": quiet}, 1, env_config={"relative_motion": False})
+    (episode,) = minari.load_dataset("full-v0").iterate_episodes()
+    assert episode.infos.keys() >= {"is_success", PLAN, "reward_progress", "reward_settling", "reward_limits"}
+    assert check_dataset("full-v0", BELT, {"control_mode": "jerk", "info_terms": False})
+    with pytest.raises(ValueError, match="info_terms false leaves out the terms of the reward"):
+        record_dataset("none-v0", BELT, ["random"], 1, env_config={"info_terms": False})
+
+
+def test_the_metadata_hold_the_card_of_the_task() -> None:
+    record_dataset("card-v0", "ObstacleDodge-v0", ["random"], 1)
+    stored = minari.load_dataset("card-v0").storage.metadata["planarm"]["card"]
+    card = task_card("ObstacleDodge-v0")
+    assert [(each["key"], each["primary"]) for each in stored["metrics"]] == [
+        (metric.key, metric.primary) for metric in card.metrics
+    ]
+    assert stored["experts"] == list(card.experts)
+    assert stored["levels"].keys() == card.levels.keys()
+    assert stored["levels"]["four_discs"]["settings"] == {"num_obstacles": 4}
+
+
+@pytest.mark.parametrize("taken", ["belt/x-v0", "x-v0"])
+def test_no_dataset_is_written_inside_another(taken: str) -> None:
+    record_dataset(taken, BELT, ["random"], 1)
+    for inner, reason in (("data/y-v0", "has a part data"), ("y-v0", f"would be inside dataset {taken}")):
+        for overwrite in (False, True):
+            with pytest.raises(ValueError, match=reason):
+                record_dataset(f"{taken}/{inner}", BELT, ["random"], 1, overwrite=overwrite)
+    with pytest.raises(ValueError, match="has a part data"):  # else a later dataset new-v0 would hold it
+        record_dataset("new-v0/data/y-v0", BELT, ["random"], 1)
+    assert minari.load_dataset(taken).total_episodes == 1
 
 
 def test_reading_a_dataset_runs_no_code_that_it_names(root: Path, tmp_path: Path) -> None:

@@ -188,8 +188,14 @@ def test_claims_that_do_not_say_where_they_were_computed_come_out_to_the_bit(
         (lambda card: card["claims"]["tasks"].clear(), "claims scores on no task, not on ConveyorTrack-v0"),
         (lambda card: card.update(format=2), "has format 2; this version of planarm reads cards of format 1"),
         (lambda card: card.update(authors=[]), "entry: authors"),
-        (lambda card: card.update(name="dpct"), 'name "dpct" is that of a policy of the leaderboard'),
-        (lambda card: card.update(name="a|b"), r"entry: name = 'a\|b'"),
+        *(
+            (lambda card, name=name: card.update(name=name), f'name "{name}" is that of a policy or of another row')
+            for name in ("dpct", "DPCT", "d-p.ct", "kalman", "paper", "Best known", "bound", "lower_bound")
+        ),
+        *(
+            (lambda card, name=name: card.update(name=name), f"entry: name = {re.escape(repr(name))}")
+            for name in ("a|b", "apf.", "Apf ", " apf", "-", "")
+        ),
         (lambda card: card.update(link="http://x"), "entry: link = 'http://x'"),
         (lambda card: card.update(tasks=["my_module:Task-v0"]), "unknown task of the leaderboard"),
         (lambda card: card.update(tasks=["ObstacleDodge-v0"]), "is one of ObstacleDodge-v0; the agent was trained on"),
@@ -294,6 +300,11 @@ def test_what_is_asked_for_and_impossible_ends_with_2(
         ([], "no submission: give the folder of one"),
         ([str(mine), "--episodes", "0"], "episodes 0 must be at least 1"),
         ([str(mine), "--sealed", str(tmp_path / "none")], "cannot read"),
+        ([str(mine), "--against", "random", "apff"], 'did you mean "apf"'),
+        ([str(tmp_path), str(mine), "--against", "agent:none"], 'for harder episodes "none"'),
+        ([str(mine), "--against", "kalman"], "kalman"),
+        ([str(mine), "--against", "apf", "apf"], '"apf" is given 2 times'),
+        ([str(mine), "--against", "mine"], '"mine" is given 2 times'),
     ):
         assert main(["submit", "check", *more]) == 2
         assert complaint in capsys.readouterr().err

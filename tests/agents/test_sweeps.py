@@ -110,6 +110,7 @@ def test_a_dry_run_lists_the_trials(recipe: str, capsys: pytest.CaptureFixture[s
         (["--over", "learning_rate=-1,1"], "greater than 0"),
         ([], "nothing to sweep over"),
         (["--over", "seed=0..1", "--grace-steps", "10"], "--scheduler asha"),
+        (["--over", "env=ConveyorTrack-v0,ObstacleDodge-v0"], "of ConveyorTrack-v0 and ObstacleDodge-v0, whose scores"),
         (["--over", "seed=0..1", "--scheduler", "asha", "--grace-steps", "4000"], "grace_steps"),
         (["--over", "total_steps=400,800", "--scheduler", "asha"], "same steps"),
         (["--over", "seed=0..1", "--resume", "runs/x"], "keeps the settings"),
@@ -153,7 +154,9 @@ def test_a_trial_is_the_run_of_train_and_goes_on(recipe: str, tmp_path: Path) ->
     assert (sweep.folder_of(trial) / "last.safetensors").read_bytes() == weights
 
     results = SweepResults(sweep)
+    results.records["0-seed=0"].losses = 2
     results.write()
+    assert SweepResults(sweep).document() == results.document()
     assert not results.finished
     rows = list(csv.DictReader((sweep.folder / "results.csv").read_text().splitlines()))
     assert [(row["trial"], row["state"]) for row in rows] == [("1-seed=1", "done"), ("0-seed=0", "waiting")]
