@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -148,7 +149,7 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
     fit = _best_fit(moves, settings) if min(map(joint_time, moves)) <= problem.horizon else None
     if fit is None:
         if settings.explain:
-            raise late(moves, settings.objective, settings.guess)
+            raise late(moves, settings.objective, settings.guess, partial(_best_fit, settings=settings))
         raise too_late(problem.horizon, math.inf)
     t, q, _, qd, qdd, _ = _sample(fit)
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)

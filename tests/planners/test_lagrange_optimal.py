@@ -148,7 +148,9 @@ def test_plans_are_close_to_the_best_known() -> None:
             assert lagrange.plan(paper_move(), objective=objective, polish=polish).cost <= most * index
 
 
-@pytest.mark.parametrize(("table", "horizon", "median"), [("vertical_PI1", None, 1.0), ("vertical_slow_PI1", 3.0, 0.8)])
+@pytest.mark.parametrize(
+    ("table", "horizon", "median"), [("vertical_PI1", None, 0.99), ("vertical_slow_PI1", 3.0, 0.75)]
+)
 def test_plans_in_a_vertical_plane_are_close_to_an_independent_optimum_or_better(
     table: str, horizon: float | None, median: float
 ) -> None:
@@ -157,7 +159,7 @@ def test_plans_in_a_vertical_plane_are_close_to_an_independent_optimum_or_better
     plans = [lagrange.plan(replace(problem, horizon=horizon or problem.horizon)) for problem in problems]
     ratios = np.array([plan.cost for plan in plans]) / np.array(known[table][:count])
     assert np.median(ratios) <= median
-    assert np.max(ratios) <= 1.1
+    assert np.max(ratios) <= 1.02
 
 
 @settings(max_examples=25, deadline=None)

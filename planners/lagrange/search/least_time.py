@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +24,14 @@ LONGER = (1.0, 1.1, 1.5, 3.0)
 EARLIER, HALVINGS = 0.3, 8
 """Least time that is tried, as a share of that of the quick probe, and halvings of the range of times above it."""
 
-SEARCHES, HEAVY_SEARCHES = 24, 18
+SEARCHES, HEAVY_SEARCHES = 24, 12
 """Searches from many starts, times the number of links, to which the time of a search is about proportional; and the
 same under gravity, where there are more starts.
 """
+
+QUICKER, THOROUGH = 0.96, 4
+"""A share of the least time found under gravity that a plan could take, since its search is the more thorough one; and
+how often at most such a shorter time is tried."""
 
 BESIDE = (1.0, 1.001)
 """Multiples of a time in which motions must be found for it to be named: searches fail by chance."""
@@ -55,8 +59,16 @@ def joint_time(move: JointMove) -> float:
     return HELD * least
 
 
-def late(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) -> Infeasible:
-    """Why a fixed target is not reached in time: the least feasible time of any of the moves, if one is found."""
+def late(
+    moves: Sequence[JointMove],
+    objective: Objective,
+    guess: Curve | None,
+    planned: Callable[[Sequence[JointMove]], object | None],
+) -> Infeasible:
+    """Why a fixed target is not reached in time: the least feasible time of any of the moves, if one is found.
+
+    ``planned`` plans any of the moves, or gives None.
+    """
     horizon = moves[0].duration
     weak = _too_weak_on_the_way(moves)
     bracket = _bracket(moves, max(horizon, min(map(joint_time, moves))))
@@ -83,7 +95,13 @@ def late(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) 
         else:
             low = middle
     sure = (time for time in reversed(falling) if found(BESIDE[1] * time, surely=True))
-    return too_late(horizon, next(sure, math.inf))
+    least = next(sure, math.inf)
+    for _ in range(THOROUGH if moves[0].arm.gravity and least < math.inf else 0):
+        earlier = [replace(other, duration=rounded_up(QUICKER * least)) for other in moves]
+        if earlier[0].duration <= horizon or planned(earlier) is None:
+            break
+        least = earlier[0].duration
+    return too_late(horizon, least)
 
 
 def too_late(time: float, minimum: float) -> Infeasible:

@@ -3,41 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
 from planners.lagrange.joint_move import Curve, Effort, Index, JointMove, Minimum, Objective, minimise, torque_rate
 from planners.lagrange.search.refinement import HURRIED, Fit, coarse_bases, coarse_curve, hurried, polished, refined
-from planners.lagrange.transcription import lagrange_basis
+from planners.lagrange.search.starts import start_curves, with_detour
+from planners.lagrange.transcription import Basis, lagrange_basis
 from planners.typing import Array
 
 UNIT_POINTS = 101
 COARSE = Effort(barrier=1e-2, tolerance=1e-2, iterations=20)
 COARSE_AGAIN = Effort(barrier=1e-3, tolerance=1e-3, iterations=20)
 """For the order of the solutions: a looser tolerance changes it little."""
+SWING_ITERATIONS = 40
+"""The iterations of both under gravity, where the starts are further from the solutions."""
 PROBE_DEGREE, PROBE_POINTS = 14, 57
 
-MOST_REFINED, MOST_SWINGS = 3, 8
+MOST_REFINED, MOST_SWINGS = 3, 16
 """Number of coarse solutions that are refined, and the same under gravity, where more of them differ."""
 
-MOST_MOVES, MOST_STARTS = 2, 30
-"""Number of alternative moves with more starts than the quintic, and of these starts altogether."""
+MOST_MOVES, MOST_STARTS, FEW_STARTS = 2, 58, 30
+"""Number of alternative moves with more starts than the quintic, and of these starts altogether, for the least torque
+and for any motion."""
 
-SWINGS, SWING_REACH = 20, (1.5, 2.6)
-"""Number of random starts under gravity, and their largest detour of the first and of the other joints, rad."""
+HOPS, PARENTS, CHILDREN, HOP = 2, 3, 4, 1.0
+"""Rounds under gravity in which the best solutions are displaced and solved again, the number of these and of the
+displacements of each, and the largest displacement, rad."""
 
 SAME_INDEX = 1e-3
 """Relative difference of the index up to which two coarse solutions count as the same."""
-
-FOLD, TURN = 2.0, 1.0
-"""Displacements from the quintic at half time: of the outer joints in a fold, of the first one alone, rad."""
-
-INSIDE = 0.95
-"""Share of the joint ranges that the starts use."""
-
-FASTEST_DETOUR = 2.0
-"""Starts whose detour alone needs more than this multiple of the velocity limit are left out."""
 
 
 def least_torque(
@@ -48,7 +44,7 @@ def least_torque(
     None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too;
     ``polish`` refines by splines in place of the interpolation.
     """
-    best, index = _candidates(moves, objective, guess)
+    best, index = _candidates(moves, objective, guess, thorough=True)
     if polish and (fit := polished(best, index)) is not None:
         return fit
     some = hurried(_starts(best), index) or direct_motion(moves, objective)
@@ -64,21 +60,26 @@ def direct_motion(moves: Sequence[JointMove], objective: Objective) -> Fit | Non
 
 
 def any_motion(moves: Sequence[JointMove], objective: Objective, guess: Curve | None = None) -> Fit | None:
-    """As `direct_motion`, in ten times the time, from the best coarse solutions of `least_torque`."""
-    best, index = _candidates(moves, objective, guess)
+    """As `direct_motion`, in ten times the time, from the best coarse solutions."""
+    best, index = _candidates(moves, objective, guess, thorough=False)
     return hurried(_starts(best), index)
 
 
-def _candidates(moves: Sequence[JointMove], objective: Objective, guess: Curve | None) -> tuple[list[Minimum], Index]:
+def _candidates(
+    moves: Sequence[JointMove], objective: Objective, guess: Curve | None, *, thorough: bool
+) -> tuple[list[Minimum], Index]:
     """The best coarse solutions of the moves, and the index that they are measured by."""
     index = _index(moves, objective)
     if len(moves) > 1:
         first = [_coarse(move, index.smooth, move.quintic) for move in moves]
         moves = [solution.move for solution in _best(first, objective)[:MOST_MOVES]]
-    share = MOST_STARTS // len(moves)
+    most = MOST_STARTS if thorough else FEW_STARTS
+    share = most // len(moves)
     solutions = [solution for move in moves for solution in _solutions(move, index, slice(share), guess)]
     if len(moves) > 1:
-        solutions += _solutions(_best(solutions, objective)[0].move, index, slice(share, None), None)
+        solutions += _solutions(_best(solutions, objective)[0].move, index, slice(share, most), None)
+    if thorough and any(move.arm.gravity for move in moves):
+        solutions += _hopped(index, solutions)
     return _best(solutions, objective), index
 
 
@@ -122,61 +123,43 @@ def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
 
 def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None) -> list[Minimum]:
     """Local minima with few nodes: of PI2 from every start, which is the smoother problem, then of the objective."""
-    curves = [*_start_curves(move)[starts], *([guess] if guess else [])]
+    curves = [*start_curves(move)[starts], *([guess] if guess else [])]
     solutions = [_coarse(move, index.smooth, curve) for curve in curves]
     if index.objective == "PI2":
         return solutions
-    return [
-        minimise(move, solution.basis, solution.at(solution.basis)[0], index, COARSE_AGAIN)
-        for solution in _best(solutions, index.objective)
-    ]
+    best = _best(solutions, index.objective)
+    return [_coarse_again(move, index, solution.basis, solution.at(solution.basis)[0]) for solution in best]
+
+
+def _hopped(index: Index, solutions: Sequence[Minimum]) -> list[Minimum]:
+    """The solutions to which the best of some lead when they are displaced, again and again (basin hopping)."""
+    found: list[Minimum] = []
+    for displacements in _displacements(solutions[0].move.arm.n_joints):
+        best = _best([*solutions, *found], index.objective)
+        for parent, pairs in zip(best, displacements, strict=False):
+            angles = parent.at(parent.basis)[0]
+            for detour, lean in pairs:
+                displaced = with_detour(parent.move, angles, detour, lean, parent.basis.s)
+                found.append(_coarse_again(parent.move, index, parent.basis, displaced))
+    return found
 
 
 def _coarse(move: JointMove, index: Index, curve: Curve) -> Minimum:
     """A local minimum with few unknowns from a start."""
     basis = coarse_bases(move)[0]
-    return minimise(move, basis, curve(basis.s), index, COARSE)
+    return minimise(move, basis, curve(basis.s), index, _effort(move, COARSE))
 
 
-def _start_curves(move: JointMove) -> list[Curve]:
-    """The quintic, an extended one, swings and folds in every direction; under gravity also random detours."""
-    n = move.arm.n_joints
-    outer: Array = np.where(np.arange(n) > 0, 1.0, 0.0)
-    alternating: Array = np.where(np.arange(n) % 2 == 0, outer, -outer)
-    patterns = [TURN * (1.0 - outer), *(FOLD * pattern for pattern in (alternating, outer)[: n - 1])]
-    detours = [side * pattern for pattern in patterns for side in (1.0, -1.0)]
-    # the fastest part of a detour takes about a third of the time
-    longest = FASTEST_DETOUR * np.array(move.limits.velocity) * move.duration / 3.0
-    possible = [detour for detour in detours if (np.abs(detour) <= longest).all()]
-    return [
-        move.quintic,
-        partial(_curve, move, np.zeros(n), -outer),
-        *(partial(_curve, move, detour, np.zeros(n)) for detour in possible),
-        *(partial(_swing, move, *pair) for pair in _swings(n) if move.arm.gravity),
-    ]
+def _coarse_again(move: JointMove, index: Index, basis: Basis, q: Array) -> Minimum:
+    """A local minimum from joint angles ``q`` at the instants of a basis, ``(points, n)``, rad."""
+    return minimise(move, basis, q, index, _effort(move, COARSE_AGAIN))
+
+
+def _effort(move: JointMove, effort: Effort) -> Effort:
+    return effort._replace(iterations=SWING_ITERATIONS) if move.arm.gravity else effort
 
 
 @lru_cache
-def _swings(n: int) -> Array:
-    """Detour at half time and lean of every random start, ``(SWINGS, 2, n)``, rad: the same for every move."""
-    reach = np.where(np.arange(n) > 0, SWING_REACH[1], SWING_REACH[0])
-    return np.random.default_rng(n).uniform(-reach, reach, (SWINGS, 2, n))
-
-
-def _curve(move: JointMove, detour: Array, share: Array, s: Array) -> Array:
-    """The quintic plus, at half time, ``detour`` (rad) and a ``share`` of itself, within the joint ranges."""
-    quintic = move.quintic(s)
-    return _in_range(move, quintic, detour + share * quintic, s)
-
-
-def _swing(move: JointMove, detour: Array, lean: Array, s: Array) -> Array:
-    """The quintic plus a detour that leans to the start, or against it, within the joint ranges."""
-    return _in_range(move, move.quintic(s), detour + (1.0 - 2.0 * s)[:, None] * lean, s)
-
-
-def _in_range(move: JointMove, quintic: Array, detour: Array, s: Array) -> Array:
-    """The quintic plus a detour that is in full at half time and fades to the ends, within the joint ranges."""
-    half_way = (16.0 * (s * (1.0 - s)) ** 2)[:, None]
-    middle = move.limits.angle_middle
-    reach = np.maximum(INSIDE * move.limits.angle_half, np.abs(quintic - middle).max(axis=0))
-    return middle + np.clip(quintic + half_way * detour - middle, -reach, reach)
+def _displacements(n: int) -> Array:
+    """Detour at half time and lean of every displacement, ``(HOPS, PARENTS, CHILDREN, 2, n)``, rad."""
+    return np.random.default_rng(n).uniform(-HOP, HOP, (HOPS, PARENTS, CHILDREN, 2, n))

@@ -31,10 +31,10 @@ POLISH_FINE = Effort(barrier=1e-5, tolerance=3e-5, iterations=60)
 STAGES, FINE_STAGES = 30, 90
 """Of the splines (the acceleration is linear on every stage) that choose among coarse solutions, and of the motion."""
 
-COARSE_STAGES = 20
-"""Of the coarse solutions under gravity, which are splines too: the best motions swing almost freely."""
 SWING_TIME, FEWEST_PARTS, MOST_PARTS = 1.75, 3, 6
 """Length of a part of a motion under gravity, in sqrt(reach / gravity), and least and largest number of parts."""
+COARSE_STAGES, COARSE_STAGES_PER_PART = 12, 4
+"""Of the coarse solutions under gravity, which are splines too: the best motions swing almost freely."""
 STAGES_PER_PART, FINE_STAGES_PER_PART = 10, 50
 """`STAGES` and `FINE_STAGES` under gravity: the torque left in a swing is small against the error of few stages."""
 
@@ -72,7 +72,7 @@ class Bases(NamedTuple):
 def coarse_bases(move: JointMove) -> tuple[Basis, Basis]:
     """The functions of the coarse solutions at the instants of the search and at equally spaced samples."""
     if move.arm.gravity:
-        return _spline_bases(move, COARSE_STAGES)
+        return _spline_bases(move, COARSE_STAGES + COARSE_STAGES_PER_PART * _parts(move))
     clamp = move.clamp_acceleration
     search = lagrange_basis(COARSE_DEGREE, clamp, COARSE_POINTS)
     return search, lagrange_basis(COARSE_DEGREE, clamp, SAMPLES, uniform=True)
@@ -89,9 +89,14 @@ def _stages(move: JointMove) -> tuple[int, int]:
     """Stages of the splines that choose among coarse solutions, and of the motion."""
     if not move.arm.gravity:
         return STAGES, FINE_STAGES
-    parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / abs(move.arm.gravity)))
-    count = math.ceil(min(max(parts, FEWEST_PARTS), MOST_PARTS))
+    count = _parts(move)
     return STAGES_PER_PART * count, FINE_STAGES_PER_PART * count
+
+
+def _parts(move: JointMove) -> int:
+    """Number of parts of a motion under gravity."""
+    parts = move.duration / (SWING_TIME * math.sqrt(move.arm.reach / abs(move.arm.gravity)))
+    return math.ceil(min(max(parts, FEWEST_PARTS), MOST_PARTS))
 
 
 def refined(solution: Minimum, degree: int, index: Index) -> Fit | None:
