@@ -118,7 +118,7 @@ class Draft:
         overwrite: whether a dataset of this id may be replaced.
 
     Raises:
-        ValueError: if the id is malformed, there is such a dataset, or the folder is inside another one's.
+        ValueError: if the id is malformed, there is such a dataset, or the folder is inside or around another one's.
     """
 
     def __init__(self, dataset_id: str, env: Any, *, overwrite: bool = False) -> None:
@@ -225,7 +225,10 @@ def as_json(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _require_apart(dataset_id: str, root: Path) -> None:
-    """Raise a ValueError for an id inside a dataset, with which it would be deleted, or where one keeps its files."""
+    """Raise a ValueError for an id inside or around other datasets, or where one keeps its files.
+
+    Minari deletes a dataset with all that its folder holds.
+    """
     parts = Path(dataset_id).parts
     if "data" in parts:
         raise ValueError(f"dataset {dataset_id} has a part data, where Minari keeps the files of a dataset: rename it")
@@ -233,6 +236,13 @@ def _require_apart(dataset_id: str, root: Path) -> None:
         if (root.joinpath(*parts[:number]) / "data").exists():
             outer = "/".join(parts[:number])
             raise ValueError(f"dataset {dataset_id} would be inside dataset {outer}, and deleted with it: rename it")
+    own = root.joinpath(*parts)
+    for data in own.rglob("data"):
+        if data.parent != own and own / "data" not in data.parents:
+            inner = data.parent.relative_to(root).as_posix()
+            raise ValueError(
+                f"dataset {dataset_id} would be around dataset {inner}, which would be deleted with it: rename it"
+            )
 
 
 def _tidy(root: Path) -> None:

@@ -65,16 +65,19 @@ def check(
         episodes: most episodes of a task, fewer than those of the leaderboard for a trial; None for all.
         against: policies to compare with; those of the leaderboard if None.
         sealed: the sealed list, if it is known here.
+
+    Raises:
+        ValueError: if one of the policies to compare with fails.
     """
     submission, scored = None, None
     try:
         submission = read_submission(folder)
         scored = claims_of(run(benchmark_of(submission, (), episodes)))
         reason = agreement(submission.card.claims, scored)
-        public = run(benchmark_of(submission, against, episodes))
-        hidden = None if sealed is None else run(benchmark_of(submission, against, episodes, sealed))
     except ValueError as error:
         return Verdict(folder, False, " ".join(str(error).split()), submission, scored)
+    public = run(benchmark_of(submission, against, episodes))
+    hidden = None if sealed is None else run(benchmark_of(submission, against, episodes, sealed))
     return Verdict(folder, True, f"the claimed numbers {reason}", submission, scored, public, hidden)
 
 

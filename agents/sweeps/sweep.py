@@ -55,12 +55,23 @@ class Plan:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Trials in a folder."""
+    """Trials in a folder.
+
+    Raises:
+        ValueError: for trials of different environments, whose scores cannot be ranked.
+    """
 
     folder: Path
     trials: Sequence[Trial]
     plan: Plan
     command: str
+
+    def __post_init__(self) -> None:
+        if len(found := {trial.config.env_id for trial in self.trials}) > 1:
+            raise ValueError(
+                f"the trials are of {' and '.join(sorted(found))}, whose scores cannot be ranked in one table: make "
+                "a sweep for each"
+            )
 
     @property
     def keys(self) -> list[str]:
@@ -102,7 +113,7 @@ class Sweep:
         """The sweep in a folder.
 
         Raises:
-            ValueError: if there is none, or its file is damaged.
+            ValueError: if there is none, its file is damaged, or its trials are of different environments.
         """
         if not (folder / ABOUT).is_file():
             raise ValueError(f"{folder} is no folder of a sweep: it has no {ABOUT}")
@@ -114,9 +125,10 @@ class Sweep:
             ]
             if any(not re.fullmatch(r"[\w=.+-]+", trial.name) for trial in trials):
                 raise ValueError("the name of a trial is no name of a folder")
-            return cls(folder, trials, Plan(**about["plan"]), str(about["command"]))
+            plan, command = Plan(**about["plan"]), str(about["command"])
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{folder / ABOUT} is damaged: {str(error)[:200]}; restore it, or begin again") from None
+        return cls(folder, trials, plan, command)
 
 
 def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> list[Trial]:
@@ -127,8 +139,7 @@ def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> li
         points: the values of each, by the names of settings; dots lead into nested ones.
 
     Raises:
-        ValueError: for a setting that does not exist or a value that it refuses, if two trials are the same, and if
-            they are of different environments, whose scores cannot be ranked.
+        ValueError: for a setting that does not exist or a value that it refuses, and if two trials are the same.
     """
     trials: list[Trial] = []
     known: dict[str, str] = {}
@@ -144,11 +155,6 @@ def make_trials(base: TrainingConfig, points: Sequence[Mapping[str, Any]]) -> li
         if twin != name:
             raise ValueError(f"the trials {twin} and {name} have the same settings: give each value once")
         trials.append(Trial(name, dict(values), config))
-    if len(found := {trial.config.env_id for trial in trials}) > 1:
-        raise ValueError(
-            f"the trials are of {' and '.join(sorted(found))}, whose scores cannot be ranked in one table: make "
-            "a sweep for each"
-        )
     return trials
 
 

@@ -228,6 +228,15 @@ def test_no_dataset_is_written_inside_another(taken: str) -> None:
     assert minari.load_dataset(taken).total_episodes == 1
 
 
+def test_no_dataset_is_written_around_another() -> None:
+    record_dataset("belts-v0/slow/x-v0", BELT, ["random"], 1)
+    for overwrite in (False, True):
+        with pytest.raises(ValueError, match="around dataset belts-v0/slow/x-v0"):
+            record_dataset("belts-v0", BELT, ["random"], 1, overwrite=overwrite)
+    record_dataset("belts-v0/slow/x-v0", BELT, ["random"], 2, overwrite=True)
+    assert minari.load_dataset("belts-v0/slow/x-v0").total_episodes == 2
+
+
 def test_reading_a_dataset_runs_no_code_that_it_names(root: Path, tmp_path: Path) -> None:
     record_dataset("evil-v0", BELT, ["random"], 1)
     path = root / "evil-v0" / "data" / "metadata.json"

@@ -156,7 +156,7 @@ def test_the_last_bit_of_a_return_counts(mine: Path, capsys: pytest.CaptureFixtu
 
 def test_another_platform_may_round_differently_and_no_more(mine: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def elsewhere(card: dict[str, Any], share: float) -> None:
-        card["claims"]["platform"]["cpu"] = "znver4"
+        card["claims"]["platform"]["cpu"] = "abacus"
         claim = card["claims"]["tasks"][ENV]
         claim.update(digest="0" * 64, returns=claim["returns"] * (1.0 + share))
 
@@ -314,6 +314,25 @@ def test_what_is_asked_for_and_impossible_ends_with_2(
     assert (
         main(["submit", "export", str(mine / "agent.safetensors"), str(mine), "--env", ENV, "--settings", "x=1"]) == 2
     )
+
+
+def test_a_policy_to_compare_with_that_fails_is_no_reason_to_refuse(
+    mine: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Failing:
+        steps = 0
+
+        def predict(self, observation: Any) -> Any:
+            if self.steps == 5:
+                raise ValueError("no plan for this episode")
+            self.steps += 1
+            return np.zeros((len(observation), 2), np.float32), None
+
+    monkeypatch.setattr(agents, "failing", lambda env: Failing(), raising=False)
+    assert main(["submit", "check", str(mine), "--episodes", "3", "--against", "agents:failing"]) == 2
+    captured = capsys.readouterr()
+    assert "no plan for this episode" in captured.err
+    assert "refused" not in captured.out
 
 
 def test_several_are_judged_one_by_one(mine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,22 @@ def test_a_wrong_sweep_is_refused(
 ) -> None:
     assert main(["sweep", recipe, *given, "--dry-run"]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.rl
+def test_a_sweep_of_several_environments_does_not_go_on(
+    recipe: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from agents.sweeps.command import SweepOptions
+
+    sweep = SweepOptions(recipe, over=("seed=0..1",), out=tmp_path / "sweep").sweep()
+    sweep.write()
+    path = tmp_path / "sweep" / "sweep.json"
+    about = json.loads(path.read_text())
+    about["trials"][1]["config"]["env"] = "ObstacleDodge-v0"
+    path.write_text(json.dumps(about))
+    assert main(["sweep", "--resume", str(tmp_path / "sweep")]) == 2
+    assert "make a sweep for each" in capsys.readouterr().err
 
 
 @pytest.mark.rl

@@ -52,7 +52,7 @@ def start_curves(move: JointMove) -> list[Curve]:
         *(partial(_curve, move, detour, np.zeros(n)) for detour in possible),
     ]
     if move.arm.gravity:
-        curves += [partial(_hang, move, *hang) for hang in HANGS]
+        curves += [partial(_hang, move, *hang) for hang in HANGS if n > 1 or not hang[-1]]
         curves += [partial(_swing, move, *pair) for pair in _swings(n)]
     return curves
 
