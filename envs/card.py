@@ -52,12 +52,15 @@ class Bound:
         optimum: the best known value for a seed, from a vector environment, the index of the environment in it that
             is at the start of that seed's episode, and the seed; `planners.Infeasible` where none is known.
         lower: with the same arguments, a certified lower bound: no motion is better. NaN where none is known.
+        of_motions: whether the best known value is that of a motion, so that a policy's episode that is better takes
+            its place; not where it depends on noise.
     """
 
     metric: str
     meaning: str
     optimum: Callable[[Any, int, int], float]
     lower: Callable[[Any, int, int], float] | None = None
+    of_motions: bool = True
 
 
 @dataclass(frozen=True)

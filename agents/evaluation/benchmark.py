@@ -178,6 +178,7 @@ class Benchmark:
             if self._bounded(task):
                 begin(f"{task.title}: bound")
                 result.bounds, result.lower = np.concatenate(self._results(self._bounds_of(task), progress)).T
+                result.bound_by_policies()
             finished(result)
         self.board.complete = True
 

@@ -14,7 +14,7 @@ from agents.evaluation import statistics
 from agents.evaluation.benchmark_config import BenchmarkTask
 from agents.evaluation.results import Evaluation, Timing
 from agents.evaluation.statistics import Estimate
-from agents.evaluation.summarise import LIMIT_TOLERANCE, card_of, metric_text, summarise
+from agents.evaluation.summarise import LIMIT_TOLERANCE, breaks_limits, card_of, metric_text, summarise
 from agents.tables import Table, interval_text, number_text, percent_text, share_text
 from envs.card import Bound, TaskCard
 from planners.typing import Array
@@ -31,7 +31,8 @@ LEGEND = (
 class TaskResult:
     """What is finished of one task.
 
-    ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed;
+    ``bounds`` are the best known values of the bounded metric for the first seeds, None if they are not computed, inf
+    where none is known;
     ``lower`` are its certified lower bounds, NaN where none is known;
     ``action_configs`` are by policy the settings that define what its actions mean, where they are not the task's;
     ``sources`` are by policy the names or paths that commands know it by, empty for one in memory;
@@ -73,6 +74,19 @@ class TaskResult:
     def certified(self) -> Array | None:
         """The lower bounds, if one is known of every bounded episode."""
         return None if self.lower is None or np.isnan(self.lower).any() else self.lower
+
+    def bound_by_policies(self) -> None:
+        """Put better episodes of the policies, within the limits, in the place of best known values."""
+        if self.bounded is None or not self.bounded[0].of_motions:
+            return
+        bound, values = self.bounded
+        metric = next(each for each in self.card.metrics if each.key == bound.metric)
+        better = np.fmin if metric.lower_is_better else np.fmax
+        known = np.where(np.isfinite(values), values, np.nan)
+        for each in self.evaluations:
+            allowed = each.success & ~breaks_limits(each)
+            known = better(known, np.where(allowed, each.metrics[bound.metric], np.nan)[: len(known)])
+        self.bounds = np.where(np.isnan(known), np.inf, known)
 
     def summarise(self, evaluation: Evaluation) -> dict[str, Estimate]:
         """`summarise`, and the median of how much worse an episode is than its best known value, if one is known."""
@@ -147,7 +161,11 @@ def _caption(result: TaskResult) -> Iterator[str]:
     """What only the numbers of this leaderboard are, sentence by sentence."""
     if result.bounded is not None:
         bound, _ = result.bounded
-        yield f"Best known: {bound.meaning}, from the same starts{_which(result)}; over best known: the difference."
+        policies = ", or of a policy's episode that is better within the limits" if bound.of_motions else ""
+        yield (
+            f"Best known: {bound.meaning}, from the same starts{_which(result)}{policies}; over best known: the "
+            "difference."
+        )
         if result.certified is not None:
             yield "Lower bound: proven, no motion is better; its median."
     if beside := result.task.beside_title:

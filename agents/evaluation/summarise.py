@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.environments import card_of as card_of
 from agents.evaluation import statistics
@@ -31,13 +32,19 @@ def summarise(evaluation: Evaluation, *, bootstrap: bool = True) -> dict[str, Es
         "length": statistics.median(evaluation.lengths, bootstrap=bootstrap),
     }
     if "limit_ratio" in evaluation.metrics:
-        estimates["limit_broken"] = statistics.rate(evaluation.metrics["limit_ratio"] > 1.0 + LIMIT_TOLERANCE)
+        estimates["limit_broken"] = statistics.rate(breaks_limits(evaluation))
     for key, values in evaluation.metrics.items():
         if values.dtype != bool:
             estimates[key] = statistics.median(values, bootstrap=bootstrap)
         elif key != "is_success":
             estimates[key] = statistics.rate(values)
     return estimates
+
+
+def breaks_limits(evaluation: Evaluation) -> NDArray[np.bool_]:
+    """Which episodes exceed a limit by more than `LIMIT_TOLERANCE`; none of a task that measures no limits."""
+    ratios = evaluation.metrics.get("limit_ratio", np.zeros(len(evaluation.seeds)))
+    return np.asarray(ratios > 1.0 + LIMIT_TOLERANCE)
 
 
 def training_scores(evaluation: Evaluation) -> dict[str, Estimate]:

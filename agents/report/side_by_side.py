@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
+from agents.evaluation import statistics
 from agents.report.results_file import Replays, Results, TaskScores, ranked
 
 
@@ -53,7 +57,33 @@ def _merged(parts: Sequence[tuple[str, TaskScores]]) -> TaskScores:
                 "replays": _together(merged.replays, part.replays, new),
             }
         )
+    merged = _best_bounded(merged, [part for _, part in parts])
     return merged.model_copy(update={"policies": ranked(merged.policies)})
+
+
+def _best_bounded(merged: TaskScores, parts: Sequence[TaskScores]) -> TaskScores:
+    """A task with the best of the best known values of several files, which are no worse than the file's policies."""
+    known = [part.bounds for part in parts if part.bounds is not None]
+    if len(known) < 2:
+        return merged
+    metric = known[0][0]
+    better = min if metric.lower_is_better else max
+    values = {
+        seed: [bounds[seed] for _, bounds in known if np.isfinite(bounds.get(seed, np.inf))] for seed in known[0][1]
+    }
+    best = np.array([better(each) if each else np.inf for each in values.values()])
+    reachable = np.isfinite(best)
+    policies = []
+    for policy in merged.policies:
+        values = np.nan_to_num(policy.evaluation.metrics[metric.key], nan=np.inf)  # null is never
+        above = values[: len(best)][reachable] - best[reachable]
+        if above.size:
+            ends = {name: end if math.isfinite(end) else None for name, end in vars(statistics.median(above)).items()}
+            median = policy.summary["success"].model_copy(update=ends)
+            policy = policy.model_copy(update={"summary": {**policy.summary, "above_bound": median}})
+        policies.append(policy)
+    bound = {metric.key: [value if math.isfinite(value) else None for value in best.tolist()]}
+    return merged.model_copy(update={"policies": policies, "bound": bound})
 
 
 def _together(ours: Replays | None, theirs: Replays | None, names: dict[str, str]) -> Replays | None:

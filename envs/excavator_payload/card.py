@@ -38,6 +38,7 @@ CARD = TaskCard(
         "tip_rms",
         "kalman's controller with payload and friction given: what noise and period leave",
         known_payload_tip_rms,
+        of_motions=False,
     ),
     recipe="ppo/ExcavatorPayload-v0",
     picture=Picture(

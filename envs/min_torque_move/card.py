@@ -16,12 +16,12 @@ from planners import dpct, lagrange, quintic
 
 
 def _bound(env: Any, env_index: int, seed: int) -> float:
-    """Best known torque over the quintic's: of the stored motion, or of the polished plan of the Lagrange planner."""
+    """Best known torque over the quintic's: of the stored motion, or of a plan that is searched thoroughly."""
     stored = best_known(env, env_index)
     if math.isfinite(stored):
         return stored
     problem = env.motion_problem(env_index)
-    return lagrange.plan(problem, polish=True).cost / quintic.plan(problem).cost
+    return lagrange.plan(problem, thorough=True).cost / quintic.plan(problem).cost
 
 
 def _outcome(info: Info, duration: float) -> str:
@@ -45,7 +45,7 @@ CARD = TaskCard(
     bound=Bound(
         "quintic_ratio",
         "torque of the best motion found, played in the environment, over the quintic's; for other starts and settings "
-        "than the stored ones, that of lagrange's plan after a dense transcription (polish)",
+        "than the stored ones, that of a plan of lagrange with thorough=True",
         _bound,
     ),
     links=(1, 2, 3, 4, 5, 6),

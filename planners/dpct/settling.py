@@ -14,6 +14,7 @@ from planners.dpct.rendezvous import Aim, find_rendezvous, graded_stages, tracki
 from planners.motion.line import reduce_to_line
 from planners.motion.rides import Window, ride_windows
 from planners.problem import MotionProblem, MovingHand
+from planners.trajectory import Trajectory
 from planners.typing import Array
 
 LOOK_AHEAD = 2.0
@@ -73,6 +74,17 @@ def settling_bound(
     times = [_settling_time(tracking, tolerances, share, window, exact.time) for share in SETTLED_SHARES]
     earliest = min(exact.time, *times)
     return earliest if earliest <= problem.horizon else math.inf
+
+
+def hand_errors(plan: Trajectory, t: Array) -> Array:
+    """Distance and relative velocity of hand and target at times of a plan for a moving target, ``(times, 2)``."""
+    arm, target = plan.problem.arm, plan.problem.target
+    assert isinstance(target, MovingHand)
+    (q, qd, _), (place, velocity) = plan.at(t), target.at(t)
+    moving = np.einsum("lij,lj->li", arm.jacobian(q), qd)
+    differences = np.stack([arm.forward_kinematics(q) - place, moving - velocity], axis=1)
+    errors: Array = np.linalg.norm(differences, axis=2)
+    return errors
 
 
 def _settling_time(tracking: Tracking, tolerances: Array, share: float, window: Window, rendezvous: float) -> float:

@@ -65,6 +65,7 @@ class Settings(NamedTuple):
     rendezvous_time: float | None
     guess: Curve | None
     explain: bool
+    thorough: bool
     hurry: bool = False
 
 
@@ -88,6 +89,7 @@ def plan_optimal(
     clamp_acceleration: bool | None = None,
     guess: Trajectory | None = None,
     explain: bool = True,
+    thorough: bool = False,
 ) -> Trajectory:
     """Move with the least torque to a fixed or a moving target.
 
@@ -109,6 +111,8 @@ def plan_optimal(
             acceleration do not jump there; by default where there are jerk limits.
         guess: an additional motion to start from, such as the plan for a similar problem.
         explain: on failure look for a time that is enough (up to 4 s), for the message and the details.
+        thorough: search a second time, from 40 random starts more (120 with gravity) and displaced solutions, and keep
+            the better motion; takes six times as long (four times).
 
     Returns:
         The trajectory; its cost is the objective over its whole duration.
@@ -133,7 +137,7 @@ def plan_optimal(
     move = JointMove(problem.loaded_arm, problem.joint_limits, Ends(start, start), problem.horizon, clamp)
     _require_within_limits(move, 0, "start", 1.0 + START_TOLERANCE)
     curve = None if guess is None else (lambda s: guess.at(s * guess.duration)[0])
-    settings = Settings(objective, nodes - 1, polish, elbow, rendezvous_time, curve, explain)
+    settings = Settings(objective, nodes - 1, polish, elbow, rendezvous_time, curve, explain, thorough)
     if isinstance(problem.target, MovingHand):
         return _plan_rendezvous(problem, move, settings)
     return _plan_to_rest(problem, move, goal_postures(problem, problem.target, elbow), settings)
@@ -149,7 +153,12 @@ def _plan_to_rest(problem: MotionProblem, move: JointMove, goals: Sequence[Array
     fit = _best_fit(moves, settings) if min(map(joint_time, moves)) <= problem.horizon else None
     if fit is None:
         if settings.explain:
-            raise late(moves, settings.objective, settings.guess, partial(_best_fit, settings=settings))
+            raise late(
+                moves,
+                settings.objective,
+                settings.guess,
+                partial(_best_fit, settings=settings._replace(thorough=False)),
+            )
         raise too_late(problem.horizon, math.inf)
     t, q, _, qd, qdd, _ = _sample(fit)
     trajectory = sampled_trajectory(problem, t, q, qd, qdd, planner=_PLANNER, rendezvous_time=problem.horizon)
@@ -219,7 +228,9 @@ def _best_fit(moves: Sequence[JointMove], settings: Settings) -> Fit | None:
     if settings.hurry:
         direct = direct_motion(moves, settings.objective)
         return direct or any_motion(moves, settings.objective, settings.guess)
-    return least_torque(moves, settings.objective, settings.degree, settings.guess, polish=settings.polish)
+    return least_torque(
+        moves, settings.objective, settings.degree, settings.guess, polish=settings.polish, thorough=settings.thorough
+    )
 
 
 def _require_within_limits(move: JointMove, side: int, reason: str, most: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,6 +62,29 @@ def test_the_summary_with_the_bound(result: TaskResult) -> None:
     assert estimates["limit_broken"].value == 0.25
     # Seeds 0 and 2: the bound of seed 1 is infinite, seed 3 has none.
     assert estimates["above_bound"].value == pytest.approx(np.median([2.0 - 0.9, 2.4 - 1.0]))
+
+
+def test_episodes_of_policies_within_the_limits_take_the_place_of_worse_best_known_values(result: TaskResult) -> None:
+    result.bounds = np.array([2.1, np.inf, 1.0, 0.9])
+    result.bound_by_policies()
+    assert result.bounds.tolist() == [1.0, 1.2, 1.0, 0.9]
+    result.bounds = np.array([2.1, np.inf, 1.0, 3.0])
+    result.bound_by_policies()  # in the last episode all break a limit
+    assert result.bounds.tolist() == [1.0, 1.2, 1.0, 3.0]
+    assert "or of a policy's episode that is better within the limits" in printed(result, terminal=False)
+
+
+def test_where_noise_decides_a_policy_is_no_best_known_value(result: TaskResult) -> None:
+    metrics = {"tip_rms": np.zeros(4), **result.evaluations[0].metrics}
+    noisy = TaskResult(
+        BenchmarkTask(env="ExcavatorPayload-v0"),
+        np.arange(4),
+        [replace(result.evaluations[0], env_id="ExcavatorPayload-v0", metrics=metrics)],
+        bounds=np.array([1e-3, 2e-3]),
+    )
+    noisy.bound_by_policies()
+    assert noisy.bounds is not None
+    assert noisy.bounds.tolist() == [1e-3, 2e-3]
 
 
 def test_markdown_where_there_is_no_terminal(result: TaskResult) -> None:

@@ -176,6 +176,22 @@ def test_files_stand_side_by_side(scored: dict[str, Any]) -> None:
     assert data_of(report_page([("one", first), ("two", second)]))["tasks"][0]["policies"][5]["name"]
 
 
+def test_the_best_known_values_of_several_files_are_the_best_of_them(scored: dict[str, Any]) -> None:
+    files = []
+    for bound in ([1.0, None, 0.5, None], [0.75, 2.0, 0.625, None]):
+        task = {**scored["results"][0], "bound": {"settling_time": bound}}
+        files.append((str(bound[0]), Results.of({**scored, "results": [task]})))
+    merged = side_by_side(files)[0]
+    assert merged.bounds is not None
+    assert list(merged.bounds[1].values()) == [0.75, 2.0, 0.5, np.inf]
+    for policy in merged.policies:
+        settled = policy.evaluation.metrics["settling_time"][:3]
+        above = policy.estimate("above_bound")
+        assert above is not None
+        never = np.isnan(settled).sum() > 1
+        assert np.isnan(above.value) if never else above.value == pytest.approx(np.median(settled - [0.75, 2.0, 0.5]))
+
+
 def test_policies_of_several_files_look_different(scored: dict[str, Any]) -> None:
     task = scored["results"][0]
     names = [f"policy {number}" for number in range(10)]

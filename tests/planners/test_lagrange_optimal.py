@@ -148,6 +148,28 @@ def test_plans_are_close_to_the_best_known() -> None:
             assert lagrange.plan(paper_move(), objective=objective, polish=polish).cost <= most * index
 
 
+@pytest.mark.parametrize("objective", ["PI1", "PI2"])
+@pytest.mark.parametrize("arm", [PLANAR_3R, VERTICAL], ids=["horizontal", "vertical"])
+def test_a_thorough_search_finds_no_worse_motion(arm: Arm, objective: str) -> None:
+    problems = random_moves(3, 8, arm)
+    usual, thorough = (
+        np.array([lagrange.plan(problem, objective=objective, thorough=flag).cost for problem in problems])
+        for flag in (False, True)
+    )
+    assert (thorough <= usual * (1.0 + 1e-6)).all()  # compared by another quadrature than that of the cost
+
+
+def test_a_thorough_search_comes_close_to_the_best_known_where_the_usual_one_does_not() -> None:
+    known = json.loads(BEST_KNOWN.read_text())
+    problems = random_moves(200, known["seed"])
+    for number in (97, 119, 195):
+        problem, least = problems[number], known["random_PI1"][number]
+        assert lagrange.plan(problem).cost > 1.05 * least
+        plan = lagrange.plan(problem, thorough=True)
+        assert plan.cost <= 1.01 * least
+        assert plan.limit_ratios["torque"] <= 1.0
+
+
 @pytest.mark.parametrize(
     ("table", "horizon", "median"), [("vertical_PI1", None, 0.99), ("vertical_slow_PI1", 3.0, 0.75)]
 )

@@ -19,6 +19,7 @@ from planners.dpct.free.ride import Reference, Ride
 from planners.dpct.free.solver import guess_time, solve
 from planners.dpct.optimal import plan_optimal
 from planners.dpct.rendezvous import EARLY, WIDE
+from planners.dpct.settling import hand_errors
 from planners.motion.line_motion import KINDS, LONGEST_RIDE
 from planners.problem import Infeasible, MotionProblem, limit_broken
 from planners.trajectory import Trajectory, sampled_trajectory
@@ -258,8 +259,4 @@ def _trajectory(reference: Reference, errors: Array, t: Array, meeting: float) -
 
 def _tracking_index(plan: Trajectory) -> float:
     """The integral of the squared errors of the hand's position and velocity, m^2 s."""
-    arm, target = plan.problem.arm, plan.problem.target
-    place, velocity = target.at(plan.t)  # type: ignore[union-attr]
-    moving = np.einsum("lij,lj->li", arm.jacobian(plan.q), plan.qd)
-    squares = ((arm.forward_kinematics(plan.q) - place) ** 2 + (moving - velocity) ** 2).sum(axis=1)
-    return float(np.trapezoid(squares, plan.t))
+    return float(np.trapezoid((hand_errors(plan, plan.t) ** 2).sum(axis=1), plan.t))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,30 +22,71 @@ SWING_ITERATIONS = 40
 """The iterations of both under gravity, where the starts are further from the solutions."""
 PROBE_DEGREE, PROBE_POINTS = 14, 57
 
-MOST_REFINED, MOST_SWINGS = 3, 16
-"""Number of coarse solutions that are refined, and the same under gravity, where more of them differ."""
 
-MOST_MOVES, MOST_STARTS, FEW_STARTS = 2, 58, 30
-"""Number of alternative moves with more starts than the quintic, and of these starts altogether, for the least torque
-and for any motion."""
+class Breadth(NamedTuple):
+    """How widely is searched.
 
-HOPS, PARENTS, CHILDREN, HOP = 2, 3, 4, 1.0
-"""Rounds under gravity in which the best solutions are displaced and solved again, the number of these and of the
-displacements of each, and the largest displacement, rad."""
+    Attributes:
+        swings: number of random starts of a move.
+        starts: most starts of all alternative moves together.
+        refined: number of coarse solutions that are refined.
+        hops: rounds in which the best solutions are displaced and solved again.
+    """
+
+    swings: int
+    starts: int
+    refined: int
+    hops: int
+
+
+BREADTHS = (Breadth(0, 58, 3, 0), Breadth(40, 58, 16, 2), Breadth(160, 178, 32, 4))
+"""In a horizontal plane; for a thorough search there and usual under gravity, where more minima differ; for a thorough
+search under gravity."""
+
+MOST_MOVES, FEW_STARTS = 2, 30
+"""Number of alternative moves with more starts than the quintic, and of these starts where any motion will do."""
+
+PARENTS, CHILDREN, HOP = 3, 4, 1.0
+"""Number of solutions that are displaced in a round, of displacements of each, and the largest displacement, rad."""
 
 SAME_INDEX = 1e-3
 """Relative difference of the index up to which two coarse solutions count as the same."""
 
 
 def least_torque(
-    moves: Sequence[JointMove], objective: Objective, degree: int, guess: Curve | None = None, *, polish: bool = False
+    moves: Sequence[JointMove],
+    objective: Objective,
+    degree: int,
+    guess: Curve | None = None,
+    *,
+    polish: bool = False,
+    thorough: bool = False,
 ) -> Fit | None:
     """The best motion found among those that any of the moves (such as the branches of the inverse kinematics) allows.
 
     None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too;
-    ``polish`` refines by splines in place of the interpolation.
+    ``polish`` refines by splines in place of the interpolation; ``thorough`` searches a second time, more widely.
     """
-    best, index = _candidates(moves, objective, guess, thorough=True)
+    first = _narrowest(moves)
+    found = (
+        _least_torque(moves, objective, degree, guess, breadth, polish=polish)
+        for breadth in BREADTHS[first : first + 1 + thorough]
+    )
+    fits = [fit for fit in found if fit is not None]
+    return min(fits, key=lambda fit: fit.minimum.index(objective), default=None)
+
+
+def _least_torque(
+    moves: Sequence[JointMove],
+    objective: Objective,
+    degree: int,
+    guess: Curve | None,
+    breadth: Breadth,
+    *,
+    polish: bool,
+) -> Fit | None:
+    """The best motion that a search of some breadth finds; see `least_torque`."""
+    best, index = _candidates(moves, objective, guess, breadth)
     if polish and (fit := polished(best, index)) is not None:
         return fit
     some = hurried(_starts(best), index) or direct_motion(moves, objective)
@@ -61,26 +103,31 @@ def direct_motion(moves: Sequence[JointMove], objective: Objective) -> Fit | Non
 
 def any_motion(moves: Sequence[JointMove], objective: Objective, guess: Curve | None = None) -> Fit | None:
     """As `direct_motion`, in ten times the time, from the best coarse solutions."""
-    best, index = _candidates(moves, objective, guess, thorough=False)
+    few = BREADTHS[_narrowest(moves)]._replace(starts=FEW_STARTS, hops=0)
+    best, index = _candidates(moves, objective, guess, few)
     return hurried(_starts(best), index)
 
 
+def _narrowest(moves: Sequence[JointMove]) -> int:
+    """Which of the breadths is the usual one for the moves, which are of one arm."""
+    return 1 if moves[0].arm.gravity else 0
+
+
 def _candidates(
-    moves: Sequence[JointMove], objective: Objective, guess: Curve | None, *, thorough: bool
+    moves: Sequence[JointMove], objective: Objective, guess: Curve | None, breadth: Breadth
 ) -> tuple[list[Minimum], Index]:
     """The best coarse solutions of the moves, and the index that they are measured by."""
     index = _index(moves, objective)
     if len(moves) > 1:
         first = [_coarse(move, index.smooth, move.quintic) for move in moves]
-        moves = [solution.move for solution in _best(first, objective)[:MOST_MOVES]]
-    most = MOST_STARTS if thorough else FEW_STARTS
-    share = most // len(moves)
-    solutions = [solution for move in moves for solution in _solutions(move, index, slice(share), guess)]
+        moves = [solution.move for solution in _best(first, objective, MOST_MOVES)]
+    share = breadth.starts // len(moves)
+    solutions = [each for move in moves for each in _solutions(move, index, breadth, slice(share), guess)]
     if len(moves) > 1:
-        solutions += _solutions(_best(solutions, objective)[0].move, index, slice(share, most), None)
-    if thorough and any(move.arm.gravity for move in moves):
-        solutions += _hopped(index, solutions)
-    return _best(solutions, objective), index
+        best = _best(solutions, objective, 1)[0].move
+        solutions += _solutions(best, index, breadth, slice(share, breadth.starts), None)
+    solutions += _hopped(index, solutions, breadth)
+    return _best(solutions, objective, breadth.refined), index
 
 
 def _starts(solutions: Sequence[Minimum]) -> list[tuple[JointMove, Curve]]:
@@ -110,10 +157,9 @@ def reaches(move: JointMove) -> bool:
     return minimise(move, basis, q, Index("PI2", torque_unit(move, "PI2")), HURRIED).feasible
 
 
-def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
+def _best(solutions: Sequence[Minimum], objective: Objective, most: int) -> list[Minimum]:
     """The best solutions, no two of the same index, best first; those that keep the limits before the others."""
     scored = sorted(((not solution.feasible, solution.index(objective)), i) for i, solution in enumerate(solutions))
-    most = MOST_SWINGS if any(solution.move.arm.gravity for solution in solutions) else MOST_REFINED
     best: list[tuple[float, int]] = []
     for (_, value), i in scored:
         if len(best) < most and not (best and abs(value - best[-1][0]) < SAME_INDEX * value):
@@ -121,22 +167,22 @@ def _best(solutions: Sequence[Minimum], objective: Objective) -> list[Minimum]:
     return [solutions[i] for _, i in best]
 
 
-def _solutions(move: JointMove, index: Index, starts: slice, guess: Curve | None) -> list[Minimum]:
+def _solutions(move: JointMove, index: Index, breadth: Breadth, starts: slice, guess: Curve | None) -> list[Minimum]:
     """Local minima with few nodes: of PI2 from every start, which is the smoother problem, then of the objective."""
-    curves = [*start_curves(move)[starts], *([guess] if guess else [])]
+    curves = [*start_curves(move, breadth.swings)[starts], *([guess] if guess else [])]
     solutions = [_coarse(move, index.smooth, curve) for curve in curves]
     if index.objective == "PI2":
         return solutions
-    best = _best(solutions, index.objective)
+    best = _best(solutions, index.objective, breadth.refined)
     return [_coarse_again(move, index, solution.basis, solution.at(solution.basis)[0]) for solution in best]
 
 
-def _hopped(index: Index, solutions: Sequence[Minimum]) -> list[Minimum]:
+def _hopped(index: Index, solutions: Sequence[Minimum], breadth: Breadth) -> list[Minimum]:
     """The solutions to which the best of some lead when they are displaced, again and again (basin hopping)."""
     found: list[Minimum] = []
-    for displacements in _displacements(solutions[0].move.arm.n_joints):
-        best = _best([*solutions, *found], index.objective)
-        for parent, pairs in zip(best, displacements, strict=False):
+    for displacements in _displacements(solutions[0].move.arm.n_joints, breadth.hops):
+        best = _best([*solutions, *found], index.objective, PARENTS)
+        for parent, pairs in zip(best, displacements, strict=False):  # there may be fewer solutions
             angles = parent.at(parent.basis)[0]
             for detour, lean in pairs:
                 displaced = with_detour(parent.move, angles, detour, lean, parent.basis.s)
@@ -160,6 +206,6 @@ def _effort(move: JointMove, effort: Effort) -> Effort:
 
 
 @lru_cache
-def _displacements(n: int) -> Array:
-    """Detour at half time and lean of every displacement, ``(HOPS, PARENTS, CHILDREN, 2, n)``, rad."""
-    return np.random.default_rng(n).uniform(-HOP, HOP, (HOPS, PARENTS, CHILDREN, 2, n))
+def _displacements(n: int, hops: int) -> Array:
+    """Detour at half time and lean of every displacement, ``(hops, PARENTS, CHILDREN, 2, n)``, rad."""
+    return np.random.default_rng(n).uniform(-HOP, HOP, (hops, PARENTS, CHILDREN, 2, n))

@@ -16,8 +16,8 @@ FOLD, TURN = 2.0, 1.0
 FASTEST_DETOUR = 2.0
 """Starts whose detour alone needs more than this multiple of the velocity limit are left out."""
 
-SWINGS, SWING_REACH = 40, (1.5, 2.6)
-"""Number of random starts under gravity, and their largest detour of the first and of the other joints, rad."""
+SWING_REACH = (1.5, 2.6)
+"""Largest detour of the first and of the other joints in random starts, rad."""
 
 HANGS = (
     (0.5, 0.5, False, 0.0),
@@ -36,8 +36,10 @@ INSIDE = 0.95
 """Share of the joint ranges that the starts use."""
 
 
-def start_curves(move: JointMove) -> list[Curve]:
-    """The quintic, an extended one, swings and folds in every direction; under gravity also hanging and random ones."""
+def start_curves(move: JointMove, swings: int) -> list[Curve]:
+    """The quintic, an extended one, swings and folds in every direction, under gravity hanging ones, and so many random
+    ones.
+    """
     n = move.arm.n_joints
     outer: Array = np.where(np.arange(n) > 0, 1.0, 0.0)
     alternating: Array = np.where(np.arange(n) % 2 == 0, outer, -outer)
@@ -53,8 +55,7 @@ def start_curves(move: JointMove) -> list[Curve]:
     ]
     if move.arm.gravity:
         curves += [partial(_hang, move, *hang) for hang in HANGS if n > 1 or not hang[-1]]
-        curves += [partial(_swing, move, *pair) for pair in _swings(n)]
-    return curves
+    return curves + [partial(_swing, move, *pair) for pair in _swings(n, swings)]
 
 
 def with_detour(move: JointMove, angles: Array, detour: Array, lean: Array, s: Array) -> Array:
@@ -67,10 +68,10 @@ def with_detour(move: JointMove, angles: Array, detour: Array, lean: Array, s: A
 
 
 @lru_cache
-def _swings(n: int) -> Array:
-    """Detour at half time and lean of every random start, ``(SWINGS, 2, n)``, rad: the same for every move."""
+def _swings(n: int, count: int) -> Array:
+    """Detour at half time and lean of every random start, ``(count, 2, n)``, rad: the same for every move."""
     reach = np.where(np.arange(n) > 0, SWING_REACH[1], SWING_REACH[0])
-    return np.random.default_rng(n).uniform(-reach, reach, (SWINGS, 2, n))
+    return np.random.default_rng(n).uniform(-reach, reach, (count, 2, n))
 
 
 def _curve(move: JointMove, detour: Array, share: Array, s: Array) -> Array:
