@@ -1,7 +1,7 @@
 """How far the plans of ``lagrange`` are above the least torques known: the table of docs/planners/lagrange.md.
 
 ``python -m tools.best_known.torque_table`` plans the stored moves of ``tools.best_known_torque``, and as many others of
-which no best known torque is stored, with both searches (10 minutes), and writes the table between the page's marks
+which no best known torque is stored, with both searches (6 minutes), and writes the table between the page's marks
 ``<!-- least torques -->`` and ``<!-- end of least torques -->``.
 """
 
@@ -73,4 +73,5 @@ def table() -> str:
 
 
 if __name__ == "__main__":
-    write_text(PAGE, replaced(PAGE.read_text(encoding="utf-8"), MARK, table()))
+    lines = table()
+    write_text(PAGE, replaced(PAGE.read_text(encoding="utf-8"), MARK, lines))
