@@ -157,15 +157,16 @@ def _which(result: TaskResult) -> str:
     return "" if count == len(result.seeds) else f" (first {count})"
 
 
+def _meaning(bound: Bound) -> str:
+    """What the best known values of a table are."""
+    return bound.meaning + (", or of a policy's episode that is better within the limits" if bound.of_motions else "")
+
+
 def _caption(result: TaskResult) -> Iterator[str]:
     """What only the numbers of this leaderboard are, sentence by sentence."""
     if result.bounded is not None:
-        bound, _ = result.bounded
-        policies = ", or of a policy's episode that is better within the limits" if bound.of_motions else ""
-        yield (
-            f"Best known: {bound.meaning}, from the same starts{_which(result)}{policies}; over best known: the "
-            "difference."
-        )
+        meaning = _meaning(result.bounded[0])
+        yield f"Best known: {meaning}, from the same starts{_which(result)}; over best known: the difference."
         if result.certified is not None:
             yield "Lower bound: proven, no motion is better; its median."
     if beside := result.task.beside_title:
@@ -195,7 +196,7 @@ def as_document(result: TaskResult) -> dict[str, Any]:
         "lower_bound": bounded and {"seeds": result.seeds[: len(bounded[1])], bounded[0].metric: result.lower},
         "published": task.published and task.published.model_dump(),
         "metrics": [vars(metric) for metric in result.card.metrics],
-        "bound_meaning": bounded and bounded[0].meaning,
+        "bound_meaning": bounded and _meaning(bounded[0]),
         "replays": result.replays,
     }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.files import whole_file
+from planners.problem import MotionProblem
 
 PAPER = -1
 """Key of the paper's own start, in place of a seed."""
@@ -126,6 +127,18 @@ def lower_bound(env: Any, env_index: int, seed: int = 0) -> float:
     """
     index = _stored(env, env_index)
     return math.nan if index is None else float(load(env.task.env_id).lower[index])
+
+
+def true_problem(env: Any, env_index: int) -> MotionProblem:
+    """What an environment at its start asks for, from the joint state as it is and not as it is measured.
+
+    Args:
+        env: a vector environment.
+        env_index: of the environment in it.
+    """
+    record = env.task.batch[env_index]
+    problem: MotionProblem = env.motion_problem(env_index)
+    return replace(problem, q=record["q"].copy(), qd=record["qd"].copy(), qdd=record["qdd"].copy())
 
 
 def _stored(env: Any, env_index: int) -> int | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from envs.best_known import best_known
+from envs.best_known import best_known, true_problem
 from envs.conveyor_track.experts import settle_early
-from planners import Infeasible, Trajectory, dpct
+from planners import Infeasible, MovingHand, Trajectory, dpct
 from planners.dpct.settling import hand_errors
 
 
@@ -31,7 +32,8 @@ def settling_time(env: Any, env_index: int, seed: int) -> float:
     stored, config = best_known(env, env_index), env.task.config
     if math.isfinite(stored):
         return stored
-    problem = env.motion_problem(env_index)
+    part = [env.task.batch[env_index][name].copy() for name in ("part_position", "part_velocity", "part_acceleration")]
+    problem = replace(true_problem(env, env_index), target=MovingHand(*part))
     tolerances = config.position_tolerance, config.velocity_tolerance
     times = []
     with suppress(Infeasible):

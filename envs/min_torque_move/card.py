@@ -6,7 +6,7 @@ import math
 from functools import partial
 from typing import Any
 
-from envs.best_known import best_known
+from envs.best_known import best_known, true_problem
 from envs.card import Bound, Info, Metric, Picture, TaskCard
 from envs.experts.planning import PlanningExpert
 from envs.experts.reactive import JointFieldExpert
@@ -20,7 +20,7 @@ def _bound(env: Any, env_index: int, seed: int) -> float:
     stored = best_known(env, env_index)
     if math.isfinite(stored):
         return stored
-    problem = env.motion_problem(env_index)
+    problem = true_problem(env, env_index)
     return lagrange.plan(problem, thorough=True).cost / quintic.plan(problem).cost
 
 

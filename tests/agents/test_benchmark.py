@@ -158,13 +158,14 @@ def test_the_bound_is_the_best_known_value_of_each_start(tmp_path: Path, first: 
     if first == 10_000:  # not stored: with the hand on the belt's line, or the policy's own
         on_line = [dpct.settling_bound(env.motion_problem(env_index), 1e-3, 2e-3, 0.005) for env_index in range(2)]
         wanted = np.minimum(on_line, settled).tolist()
-    assert task["bound"] == {"seeds": [first, first + 1], "settling_time": wanted}
+    assert task["bound"]["seeds"] == [first, first + 1]
+    known = task["bound"]["settling_time"]
+    assert known == pytest.approx(wanted, abs=1e-5 if first else 0.0)  # observations have 32 bits
     lower = [None if first == 10_000 else lower_bound(env, env_index) for env_index in range(2)]
     assert task["lower_bound"] == {"seeds": [first, first + 1], "settling_time": lower}
-    assert all(time >= bound for time, bound in zip(settled, wanted, strict=True))
-    assert task["policies"][0]["summary"]["above_bound"]["value"] == pytest.approx(
-        np.median(np.subtract(settled, wanted))
-    )
+    above = np.subtract(settled, known)
+    assert (above >= 0.0).all()
+    assert task["policies"][0]["summary"]["above_bound"]["value"] == pytest.approx(np.median(above))
 
 
 @pytest.mark.parametrize("env_id", ["ConveyorTrack-v0", "MinTorqueMove-v0", "ObstacleDodge-v0"])
@@ -182,6 +183,17 @@ def test_no_policy_within_the_limits_is_better_than_best_known_from_fresh_starts
         kept = each.success & (each.metrics["limit_ratio"] <= 1.005)
         assert (each.metrics[bound.metric][:10] >= result.bounds)[kept[:10]].all()
         assert kept.mean() > 0.5
+
+
+def test_measuring_with_noise_changes_no_best_known_value() -> None:
+    bound, noise = envs.task_card("ConveyorTrack-v0").bound, {"encoder_noise": 1e-4, "camera_noise": 1e-3}
+    assert bound is not None
+    known = []
+    for settings in ({}, noise):
+        with contextlib.closing(gym.make_vec("ConveyorTrack-v0", num_envs=4, payload=0.1, **settings)) as env:
+            env.reset(seed=[500, 501, 502, 503])
+            known.append([bound.optimum(env.unwrapped, number, 500 + number) for number in range(4)])
+    np.testing.assert_allclose(known[0], known[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("beside", [None, 0.05])
