@@ -110,7 +110,8 @@ def plan_optimal(
         clamp_acceleration: whether the start's acceleration is continued and the target's met, so that torque and
             acceleration do not jump there; by default where there are jerk limits.
         guess: an additional motion to start from, such as the plan for a similar problem.
-        explain: on failure look for a time that is enough (up to 4 s), for the message and the details.
+        explain: on failure look for a time that is enough (up to 4 s, with gravity 10), for the message and
+            the details.
         thorough: search a second time, from 40 random starts more (120 with gravity) and displaced solutions, and keep
             the better motion; takes six times as long (four times).
 

@@ -89,7 +89,11 @@ def draw_options(generator: np.random.Generator, entry: capabilities.Variant, pr
             given = {"objective": objective, "elbow": elbow, "nodes": int(generator.integers(9, 31))}
             if moving and share < 0.3:
                 given["rendezvous_time"] = float(generator.uniform(0.2, 1.0)) * problem.horizon
-            return given | {"clamp_acceleration": flag, "polish": share > 0.95}
+            return given | {
+                "clamp_acceleration": flag,
+                "polish": share > 0.95,
+                "thorough": share > 0.9 and not problem.arm.gravity,
+            }
         case "lagrange", "via":
             given = {"contact": contact, "elbow": elbow, "margin": 0.005 + 0.1 * share}
             return given | {"prediction": 0.5 + share, "hold": share, "keep_out": 0.2 * share * float(flag)}
