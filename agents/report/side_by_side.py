@@ -68,10 +68,10 @@ def _best_bounded(merged: TaskScores, parts: Sequence[TaskScores]) -> TaskScores
         return merged
     metric = known[0][0]
     better = min if metric.lower_is_better else max
-    values = {
-        seed: [bounds[seed] for _, bounds in known if np.isfinite(bounds.get(seed, np.inf))] for seed in known[0][1]
-    }
-    best = np.array([better(each) if each else np.inf for each in values.values()])
+    of_episodes = [
+        [bounds[seed] for _, bounds in known if np.isfinite(bounds.get(seed, np.inf))] for seed in known[0][1]
+    ]
+    best = np.array([better(each) if each else np.inf for each in of_episodes])
     reachable = np.isfinite(best)
     policies = []
     for policy in merged.policies:

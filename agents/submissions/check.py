@@ -74,6 +74,8 @@ def check(
         submission = read_submission(folder)
         scored = claims_of(run(benchmark_of(submission, (), episodes)))
         reason = agreement(submission.card.claims, scored)
+        if sealed is not None:
+            run(benchmark_of(submission, (), episodes, sealed))  # alone: what fails from here on is another policy
     except ValueError as error:
         return Verdict(folder, False, " ".join(str(error).split()), submission, scored)
     public = run(benchmark_of(submission, against, episodes))

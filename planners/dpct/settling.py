@@ -77,7 +77,7 @@ def settling_bound(
 
 
 def hand_errors(plan: Trajectory, t: Array) -> Array:
-    """Distance and relative velocity of hand and target at times of a plan for a moving target, ``(times, 2)``."""
+    """Distance (m) and relative velocity (m/s) of hand and moving target at times ``t`` of a plan, ``(times, 2)``."""
     arm, target = plan.problem.arm, plan.problem.target
     assert isinstance(target, MovingHand)
     (q, qd, _), (place, velocity) = plan.at(t), target.at(t)

@@ -113,7 +113,7 @@ def plan_optimal(
         explain: on failure look for a time that is enough (up to 4 s, with gravity 10), for the message and
             the details.
         thorough: search a second time, from 40 random starts more (120 with gravity) and displaced solutions, and keep
-            the better motion; takes six times as long (four times).
+            the better motion; takes six times as long (with gravity four times).
 
     Returns:
         The trajectory; its cost is the objective over its whole duration.

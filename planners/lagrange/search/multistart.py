@@ -67,10 +67,10 @@ def least_torque(
     None if none keeps the limits. ``degree`` is that of the interpolation, ``guess`` a motion to start from too;
     ``polish`` refines by splines in place of the interpolation; ``thorough`` searches a second time, more widely.
     """
-    first = _narrowest(moves)
+    usual = _usual_breadth(moves)
     found = (
         _least_torque(moves, objective, degree, guess, breadth, polish=polish)
-        for breadth in BREADTHS[first : first + 1 + thorough]
+        for breadth in BREADTHS[usual : usual + 1 + thorough]
     )
     fits = [fit for fit in found if fit is not None]
     return min(fits, key=lambda fit: fit.minimum.index(objective), default=None)
@@ -103,12 +103,12 @@ def direct_motion(moves: Sequence[JointMove], objective: Objective) -> Fit | Non
 
 def any_motion(moves: Sequence[JointMove], objective: Objective, guess: Curve | None = None) -> Fit | None:
     """As `direct_motion`, in ten times the time, from the best coarse solutions."""
-    few = BREADTHS[_narrowest(moves)]._replace(starts=FEW_STARTS, hops=0)
+    few = BREADTHS[_usual_breadth(moves)]._replace(starts=FEW_STARTS, hops=0)
     best, index = _candidates(moves, objective, guess, few)
     return hurried(_starts(best), index)
 
 
-def _narrowest(moves: Sequence[JointMove]) -> int:
+def _usual_breadth(moves: Sequence[JointMove]) -> int:
     """Which of the breadths is the usual one for the moves, which are of one arm."""
     return 1 if moves[0].arm.gravity else 0
 
